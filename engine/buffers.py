@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every array on the device is allocated here, grown here and freed here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from .device import free_bytes
+from .errors import StippleError
+
+GROWTH = 1.25  # a buffer that must grow takes a quarter more, so a slowly rising count does not reallocate each frame
+
+
+def gibibytes(count: int) -> str:
+    return f"{count / 2**30:.2f} GiB"
+
+
+class Buffers:
+    """Named arrays on one device that are kept from frame to frame.
+
+    `array` returns a view of the first `count` elements of the named buffer and grows it where it is too short; a
+    grown buffer has lost its contents. `peak_bytes` is the most that was held at once.
+    """
+
+    def __init__(self, device: wp.Device) -> None:
+        self.device = device
+        self.peak_bytes = 0
+        self._arrays: dict[str, wp.array] = {}
+
+    def array(self, name: str, dtype: Any, count: int) -> wp.array:
+        """Uninitialised elements 0 … count - 1 of buffer `name`. Raises StippleError when memory runs out."""
+        held = self._arrays.get(name)
+        if held is None or held.size < count or held.dtype != dtype:
+            self._arrays.pop(name, None)
+            grown = max(count, 1) if held is None else max(count, int(held.size * GROWTH), 1)
+            del held
+            held = self._arrays[name] = self._allocate(name, dtype, grown)
+            self.peak_bytes = max(self.peak_bytes, self.held_bytes)
+        return held[:count]
+
+    @property
+    def held_bytes(self) -> int:
+        return sum(array.capacity for array in self._arrays.values())
+
+    def free(self) -> None:
+        self._arrays.clear()
+
+    def _allocate(self, name: str, dtype: Any, count: int) -> wp.array:
+        needed, free = count * wp.types.type_size_in_bytes(dtype), free_bytes(self.device)
+        message = (
+            f"{self.device.alias}: {gibibytes(needed)} are needed for {name} and {gibibytes(free)} are free; "
+            "render fewer splats, a smaller picture or a lower supersampling, or choose another device."
+        )
+        if needed > free:
+            raise StippleError(message)
+        try:
+            return wp.empty(count, dtype=dtype, device=self.device)
+        except (MemoryError, RuntimeError) as error:
+            raise StippleError(message) from error

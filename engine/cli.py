@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The `stipple` command without Blender: runs it and turns every end into an exit status.
+
+| status | means                                                                          |
+|--------|--------------------------------------------------------------------------------|
+| 0      | done                                                                           |
+| 1      | a problem with a file or a setting: one line `error: …` on the error stream    |
+| 2      | a wrong command line: usage on the error stream                                |
+| 130    | interrupted: `cancelled`; finished pictures stay, nothing half-written is left |
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from .errors import Cancelled, StippleError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command and returns its exit status; `arguments` are those after the program's name."""
+    try:
+        import click
+        import rich  # noqa: F401 - needed later; found missing before anything is done
+
+        from .cli_command import command
+    except ModuleNotFoundError as error:
+        print(f"error: the command line needs the Python package {error.name}; install it with pip.", file=sys.stderr)
+        return 1
+    try:
+        command.main(list(sys.argv[1:] if arguments is None else arguments), "stipple", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except StippleError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except MemoryError:
+        print("error: not enough memory; render fewer captures or a smaller picture.", file=sys.stderr)
+        return 1
+    except (click.Abort, Cancelled, KeyboardInterrupt):
+        print("cancelled", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

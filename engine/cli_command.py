@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the `stipple` command understands: `info` and `render` with their options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .cli_types import background_of, camera_of, size_of
+from .orbit import UP_AXES
+from .settings import METHODS, Settings
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+DEFAULTS = Settings()
+SETTING_NAMES = (
+    "method", "samples", "supersampling", "seed", "device", "sh_degree", "antialiased", "points_per_thread",
+)  # fmt: skip
+AT_LEAST_1 = click.IntRange(min=1)
+
+
+def option(name: str, help_text: str, **kind: Any) -> Decorator:
+    """`click.option` with the help in front and the default shown where there is one."""
+    return click.option(name, help=help_text, show_default=kind.get("default") is not None, **kind)
+
+
+VIEW_OPTIONS = (
+    option("--camera", "INRIA cameras.json or nerfstudio transforms.json. Without INDEX: camera 0, or all of them, "
+           "numbered from 0, when --out has a place for a number.", callback=camera_of, metavar="FILE[:INDEX]"),
+    option("--orbit", "N views on a circle around the capture, numbered from 0.", type=AT_LEAST_1, metavar="N"),
+    option("--up", "Up axis of the capture, where --camera is not given.", type=click.Choice(tuple(UP_AXES)),
+           default="-y"),
+    option("--elevation", "Height of the camera above the capture's centre, where --camera is not given.",
+           type=float, default=10.0, metavar="DEGREES"),
+    option("--fov", "Vertical field of view, where --camera is not given.", type=float, default=45.0,
+           metavar="DEGREES"),
+    option("--size", "Picture size [px]; the camera file's, or 1280x720. The vertical field of view stays.",
+           callback=size_of, metavar="WxH"),
+)  # fmt: skip
+SETTINGS_OPTIONS = (
+    option("--method", "Stochastic points, or the noise-free sorted reference.", type=click.Choice(METHODS),
+           default=DEFAULTS.method),
+    option("--samples", "Frames accumulated by points; sorted takes one.", type=AT_LEAST_1, default=DEFAULTS.samples),
+    option("--supersampling", "SxS subpixels per pixel.", type=AT_LEAST_1, default=DEFAULTS.supersampling,
+           metavar="S"),
+    option("--seed", "Equal seeds give equal pictures on one device.", type=click.IntRange(min=0),
+           default=DEFAULTS.seed, metavar="K"),
+    option("--device", "Where to render.", default=DEFAULTS.device, metavar="cpu|cuda:N|auto"),
+    option("--sh-degree", "Highest spherical-harmonics band; all of the capture's where not given.",
+           type=click.IntRange(0, 4), metavar="D"),
+    option("--antialiased", "For captures trained with Mip-Splatting's compensation.", is_flag=True),
+    option("--points-per-thread", "Above 1: faster on a GPU, slightly biased.", type=AT_LEAST_1,
+           default=DEFAULTS.points_per_thread, metavar="K"),
+)  # fmt: skip
+OUTPUT_OPTIONS = (
+    option("--out", "Picture to write: .png, .exr or .npy. #### or %04d in its name stands for a number.",
+           required=True, type=click.Path(path_type=Path), metavar="PATH"),
+    option("--background", "sRGB-encoded, each from 0 to 1.", callback=background_of, default="transparent",
+           metavar="R,G,B|transparent"),
+    option("--quiet", "No progress bar and no summary; warnings stay.", is_flag=True),
+)  # fmt: skip
+
+
+def with_options(*options: Decorator) -> Decorator:
+    """Decorates with all of them, so that --help lists them in this order."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for add in reversed(options):
+            function = add(function)
+        return function
+
+    return decorate
+
+
+def show_version(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    """Prints the version of the installed package and ends."""
+    if wanted:
+        try:
+            version = metadata.version("stipple")
+        except metadata.PackageNotFoundError:
+            version = "(not installed as a package)"
+        click.echo(f"stipple {version}")
+        context.exit()
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@option("--version", "Show the version and exit.", is_flag=True, is_eager=True, expose_value=False,
+        callback=show_version)  # fmt: skip
+def command() -> None:
+    """Render Gaussian splat captures."""
+
+
+@command.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@option("--json", "Print one JSON object instead of text.", is_flag=True)
+def info(file: Path, json: bool) -> None:
+    """Show what is in a capture FILE."""
+    from .cli_info import as_json, as_text, describe
+
+    facts = describe(file)
+    for warning in facts["warnings"]:
+        click.echo(f"warning: {warning}", err=True)
+    click.echo(as_json(facts) if json else as_text(facts))
+
+
+@command.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@with_options(*OUTPUT_OPTIONS, *VIEW_OPTIONS, *SETTINGS_OPTIONS)
+def render(**options: Any) -> None:
+    """Render capture FILEs together in one scene."""
+    from .cli_frames import OrbitOptions
+    from .cli_render import RenderJob, run
+
+    run(
+        RenderJob(
+            files=options["files"],
+            out=options["out"],
+            camera=options["camera"],
+            orbit=OrbitOptions(options["orbit"], options["up"], options["elevation"], options["fov"]),
+            size=options["size"],
+            background=options["background"],
+            settings=Settings(**{name: options[name] for name in SETTING_NAMES}),
+            quiet=options["quiet"],
+        )
+    )

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`stipple render`: captures and cameras in, pictures out."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from .cli_frames import OrbitOptions, View, check_choice, has_number, numbered, views_around, views_of_file
+from .cli_info import byte_size
+from .cli_types import CameraChoice
+from .errors import StippleError
+from .formats import read_splats
+from .formats.cameras_file import CameraFile, read_camera_file
+from .pictures import check_writable, write_picture
+from .scene import Instance, Scene
+from .settings import Settings
+from .splats import SplatCloud
+
+if TYPE_CHECKING:
+    from .film import Picture
+    from .renderer import Renderer
+
+
+@dataclass(frozen=True)
+class RenderJob:
+    """What the command line asked for."""
+
+    files: tuple[Path, ...]
+    out: Path
+    camera: CameraChoice | None
+    orbit: OrbitOptions
+    size: tuple[int, int] | None
+    background: tuple[float, float, float] | None
+    settings: Settings
+    quiet: bool
+
+
+class Notices:
+    """Everything that goes to the error stream while a job runs: the progress bar, and each warning once.
+
+    The bar shows on a terminal only.
+    """
+
+    def __init__(self, quiet: bool) -> None:
+        self._console = Console(stderr=True, highlight=False, emoji=False)
+        self._said: set[str] = set()
+        self.progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f}%"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=self._console,
+            disable=quiet or not self._console.is_terminal,
+            transient=True,
+            redirect_stdout=sys.stdout.isatty(),  # or a summary that is piped to a file would go to the terminal
+        )
+
+    def warn(self, warnings: Sequence[str]) -> None:
+        for warning in warnings:
+            if warning not in self._said:
+                self._said.add(warning)
+                self._console.print(f"warning: {warning}", markup=False, soft_wrap=True)
+
+
+def run(job: RenderJob) -> None:
+    """Does the job, picture by picture; a picture that was finished stays when a later one fails.
+
+    What can be found out in a moment (options, output, camera file) is checked before captures are read. Raises
+    StippleError, click.UsageError, Cancelled or KeyboardInterrupt.
+    """
+    check_choice(job.out, job.camera, job.orbit.count)
+    check_writable(job.out)
+    camera_file = read_camera_file(job.camera.path) if job.camera else None
+    file_views = _views_of_file(job, camera_file)
+    notices = Notices(job.quiet)
+    with notices.progress:
+        task = notices.progress.add_task("reading", total=None)
+        notices.warn(camera_file.warnings if camera_file else ())
+        clouds = _read_clouds(job.files, notices)
+        views = file_views or views_around(clouds, job.orbit, job.size)
+        scene = Scene(tuple(Instance(cloud, name=cloud.name) for cloud in clouds), job.background)
+        notices.progress.update(task, description="starting", total=len(views))
+        renderer = _new_renderer(job.settings.device)
+        try:
+            for done, view in enumerate(views):
+                picture = _render_view(renderer, scene, view, job, notices, done)
+                path = numbered(job.out, view.number)
+                write_picture(path, picture, opaque=job.background is not None)
+                notices.warn(picture.stats.warnings)
+                if not job.quiet:
+                    click.echo(summary(path, picture, job.settings.method))
+        finally:
+            renderer.free()
+
+
+def summary(path: Path, picture: Picture, method: str) -> str:
+    """One line: file, size, work, time, speed, memory."""
+    height, width = picture.rgba.shape[:2]
+    stats = picture.stats
+    unit, count = ("points", stats.points) if method == "points" else ("blends", stats.blends)
+    samples = f"{picture.samples} sample{'s' if picture.samples != 1 else ''}"
+    rate = count / max(stats.seconds, 1e-9) / 1e6
+    return (
+        f"{path}: {width}×{height}, {samples} in {stats.seconds:.2f} s, "
+        f"{rate:.3g} M {unit}/s, peak memory {byte_size(stats.peak_bytes)}"
+    )
+
+
+def _views_of_file(job: RenderJob, camera_file: CameraFile | None) -> tuple[View, ...]:
+    if camera_file is None or job.camera is None:
+        return ()
+    return views_of_file(camera_file, job.camera.index, has_number(job.out), job.size)
+
+
+def _read_clouds(files: Sequence[Path], notices: Notices) -> list[SplatCloud]:
+    clouds = []
+    for file in files:
+        loaded = read_splats(file)
+        notices.warn(loaded.warnings)
+        clouds.append(loaded.cloud)
+    return clouds
+
+
+def _render_view(renderer: Renderer, scene: Scene, view: View, job: RenderJob, notices: Notices, done: int) -> Picture:
+    """One picture; the bar counts pictures, and this one's fraction moves it on."""
+    task = notices.progress.tasks[0]
+    prefix = f"{done + 1}/{int(task.total or 1)} " if task.total != 1 else ""
+
+    def report(fraction: float, text: str) -> None:
+        notices.progress.update(task.id, completed=done + fraction, description=f"{prefix}{text}")
+
+    return renderer.render(scene, view.camera, job.settings, report)
+
+
+def _new_renderer(device: str) -> Renderer:
+    """The renderer; only now is Warp imported, which takes a second and is not needed for anything else."""
+    try:
+        from .renderer import Renderer
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != "warp":
+            raise
+        raise StippleError("rendering needs the Python package warp-lang; install it with pip.") from error
+    return Renderer(device)

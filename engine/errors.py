@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What Stipple raises when the cause lies outside it."""
+
+
+class StippleError(Exception):
+    """A problem the user can fix: one sentence with the file or setting, the property and the fix.
+
+    Hosts show the text as it is (the command line after `error:`, Blender as a report) and never a traceback.
+    """
+
+
+class Cancelled(Exception):
+    """The host asked to stop; raised between launches, never inside one. What was accumulated stays valid."""

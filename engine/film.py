@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The film: sums over samples, and the picture they make.
+
+Sums are taken in the space the capture was trained in (sRGB-encoded), premultiplied with coverage, in float64, so that
+the millionth sample counts as much as the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from .buffers import Buffers
+from .device import launch
+
+wp.set_module_options({"enable_backward": False})
+
+
+@dataclass
+class RenderStats:
+    """What a render did. `points` and `blends` count over all samples; a method leaves the other's at 0."""
+
+    seconds: float = 0.0
+    peak_bytes: int = 0
+    splats_visible: int = 0
+    points: int = 0
+    blends: int = 0
+    warnings: tuple[str, ...] = ()
+    stage_seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A resolved film in host memory.
+
+    - `rgba` (H, W, 4) float32: rows from the top, sRGB-encoded, premultiplied (the blend space); may exceed 1.
+    - `depth` (H, W) float32: mean depth along z of what is seen [world units], +inf where nothing is.
+    - `samples`: samples in the mean.
+    """
+
+    rgba: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+    samples: int
+    stats: RenderStats = field(default_factory=RenderStats)
+
+
+@wp.struct
+class FilmSums:
+    """Per pixel of the window, rows from the top."""
+
+    colour: wp.array(dtype=wp.vec4d)  # premultiplied colour and coverage
+    depth: wp.array(dtype=wp.float64)  # depth times coverage
+
+
+@wp.kernel
+def resolve_film_kernel(
+    first: wp.int32,
+    sums: FilmSums,
+    samples: wp.float64,
+    background: wp.vec4,
+    rgba: wp.array(dtype=wp.vec4),
+    depth: wp.array(dtype=wp.float32),
+):
+    pixel = first + wp.tid()
+    colour = sums.colour[pixel] / samples
+    depth[pixel] = wp.where(colour[3] > wp.float64(0.0), wp.float32(sums.depth[pixel] / samples / colour[3]), wp.inf)
+    rgba[pixel] = wp.vec4(colour) + (1.0 - float(colour[3])) * background
+
+
+class Film:
+    """Accumulates samples of one window."""
+
+    def __init__(self, width: int, height: int, buffers: Buffers) -> None:
+        self.width, self.height, self.device = width, height, buffers.device
+        self.samples = 0
+        self._buffers = buffers
+        self.sums = FilmSums()
+        self.sums.colour = buffers.array("film_colour", wp.vec4d, width * height)
+        self.sums.depth = buffers.array("film_depth", wp.float64, width * height)
+        self.sums.colour.zero_()
+        self.sums.depth.zero_()
+
+    def resolve(self, background: tuple[float, float, float] | None, stats: RenderStats) -> Picture:
+        """The mean so far over `background` (sRGB-encoded; None leaves it transparent). May be called at any time."""
+        count = self.width * self.height
+        rgba = self._buffers.array("film_rgba", wp.vec4, count)
+        depth = self._buffers.array("film_mean_depth", wp.float32, count)
+        behind = wp.vec4(0.0, 0.0, 0.0, 0.0) if background is None else wp.vec4(*background, 1.0)
+        inputs = [self.sums, float(max(self.samples, 1)), behind, rgba, depth]
+        launch(resolve_film_kernel, count, inputs, self.device)
+        return Picture(
+            # Copies: the buffers are written again by the next frame.
+            rgba=np.array(rgba.numpy().reshape(self.height, self.width, 4)),
+            depth=np.array(depth.numpy().reshape(self.height, self.width)),
+            samples=self.samples,
+            stats=stats,
+        )

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The frame as a table of contents: scene and camera in, picture out.
+
+    upload      clouds to the device, once each
+    stage       project and colour what the camera sees
+    method      points: rates │ sorted: order, tiles
+    samples     points: clear, counts, distribute, splat, resolve │ sorted: blend      (repeated)
+    resolve     film to picture
+"""
+
+from __future__ import annotations
+
+import time
+import weakref
+from collections.abc import Callable
+
+import numpy as np
+
+from .buffers import Buffers, gibibytes
+from .camera import Camera
+from .device import choose_device, free_bytes
+from .errors import StippleError
+from .film import Film, Picture, RenderStats
+from .maths.projection import make_pose, make_view
+from .points.method import PointsFrame
+from .scene import Scene
+from .settings import Settings
+from .sorted.method import SortedFrame
+from .splats import SplatCloud
+from .staging import DeviceCloud, stage_splats, upload_cloud
+from .timing import StageTimer
+
+Progress = Callable[[float, str], None]
+"""Called between launches with the fraction done and a word on what is being done; raise `Cancelled` to stop."""
+
+METHOD_FRAMES = {"points": PointsFrame, "sorted": SortedFrame}
+
+
+class Renderer:
+    """Renders scenes on one device and keeps its buffers and uploaded clouds from frame to frame.
+
+    Clouds are recognised by identity and leave the device when the host drops them or they are missing from a
+    scene. Not for several threads at once.
+    """
+
+    def __init__(self, device: str = "auto", *, synchronise_stages: bool = False) -> None:
+        self.device = choose_device(device)
+        self.buffers = Buffers(self.device)
+        self._synchronise_stages = synchronise_stages
+        self._clouds: dict[int, tuple[weakref.ref[SplatCloud], DeviceCloud]] = {}
+
+    def render(
+        self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None
+    ) -> Picture:
+        """All samples of one picture.
+
+        Raises StippleError for what the user can mend (memory, mostly) and lets `Cancelled` through.
+        """
+        frame = Frame(self, scene, camera, settings, progress)
+        for sample in range(frame.sample_count):
+            frame.render_sample(sample)
+        return frame.resolve()
+
+    def device_clouds(self, scene: Scene) -> list[DeviceCloud]:
+        """One per instance, shared by instances of one cloud; drops those the scene no longer has."""
+        clouds = {id(instance.cloud): instance.cloud for instance in scene.instances}
+        self._clouds = {
+            key: held for key, held in self._clouds.items() if key in clouds and held[0]() is clouds[key]
+        }
+        for key, cloud in clouds.items():
+            if key not in self._clouds:
+                self._clouds[key] = (weakref.ref(cloud), self._upload(cloud))
+        return [self._clouds[id(instance.cloud)][1] for instance in scene.instances]
+
+    def _upload(self, cloud: SplatCloud) -> DeviceCloud:
+        if self.device.is_cuda and cloud.nbytes > free_bytes(self.device):
+            raise StippleError(
+                f"{cloud.name}: {gibibytes(cloud.nbytes)} are needed on {self.device.alias} and "
+                f"{gibibytes(free_bytes(self.device))} are free; render on the CPU or fewer captures at once."
+            )
+        return upload_cloud(cloud, self.device)
+
+    def free(self) -> None:
+        """Give all device memory back. The renderer can be used again."""
+        self._clouds.clear()
+        self.buffers.free()
+
+
+class Frame:
+    """One picture in progress: samples may be added and the mean looked at in any rhythm."""
+
+    def __init__(
+        self, renderer: Renderer, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None
+    ) -> None:
+        self._begin = time.perf_counter()
+        self._scene, self._progress, self._renderer = scene, progress, renderer
+        self._done = 0.0
+        self.timer = StageTimer(renderer.device, renderer._synchronise_stages)
+        buffers = renderer.buffers
+        view = make_view(camera, settings)
+        _, _, width, height = camera.rendered_window
+        self.checkpoint("loading")
+        with self.timer.stage("upload"):
+            clouds = renderer.device_clouds(scene)
+        with self.timer.stage("stage"):
+            poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
+            self.staging = stage_splats(clouds, poses, view, buffers)
+        self.checkpoint("sorting")
+        self.film = Film(width, height, buffers)
+        self.method = METHOD_FRAMES[settings.method](
+            self.staging, view, settings, len(scene.instances), buffers, self.timer
+        )
+        self.sample_count = self.method.sample_count
+
+    def checkpoint(self, text: str = "rendering") -> None:
+        """Tell the host how far it is; the host may raise `Cancelled` here."""
+        if self._progress is not None:
+            self._progress(self._done, text)
+
+    def render_sample(self, sample: int) -> None:
+        """Add one sample of the whole window. Equal sample numbers give equal samples."""
+        self._done = min(1.0, self.film.samples / self.sample_count)
+        self.method.render_sample(sample, self.film, self.checkpoint)
+
+    def resolve(self) -> Picture:
+        """The mean of the samples so far."""
+        with self.timer.stage("film"):
+            picture = self.film.resolve(self._scene.background, RenderStats())
+        stats = picture.stats
+        stats.peak_bytes = self._renderer.buffers.peak_bytes
+        stats.splats_visible = self.staging.count
+        stats.points, stats.blends = self.method.points, self.method.blends
+        stats.warnings = self.method.warnings
+        stats.stage_seconds = dict(self.timer.seconds)
+        stats.seconds = time.perf_counter() - self._begin
+        return picture

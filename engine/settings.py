@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How to render: one frozen value that hosts fill in and every stage reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .errors import StippleError
+
+METHODS = ("points", "sorted")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Render settings; the defaults give the picture a capture was trained for.
+
+    - `method`: "points" (stochastic, accumulates) or "sorted" (noise-free reference).
+    - `samples`: frames accumulated by points; sorted needs one and takes one.
+    - `supersampling`: s, for s × s subpixels per pixel, box-filtered.
+    - `seed`: of the random numbers; equal seeds give equal bits on one device.
+    - `device`: "auto" (CUDA where there is one), "cpu" or "cuda:N".
+    - `sh_degree`: highest band evaluated, None for all the capture has.
+    - `antialiased`: opacity compensation of Mip-Splatting for the dilation, for captures trained with it.
+    - `points_per_thread`: K of Gaussian point splatting; above 1 rounds counts to multiples of K (faster on a
+      GPU, slightly biased).
+    - `max_points`: T, most points in flight at once; more are rendered in several passes, none are lost.
+    - `dilation_px2`: added to the screen-space covariance [px²]; 3DGS trains with 0.3.
+    - `alpha_min`, `alpha_max`: a splat is skipped at a pixel below the first and clamped at the second; INRIA's
+      trainer uses 1/255 and 0.99, gsplat 1/255 and 0.999.
+    - `small_splat_px`: sorted skips splats whose larger radius is below this [px]; 0 skips none.
+
+    Raises StippleError for a value outside its range.
+    """
+
+    method: str = "points"
+    samples: int = 64
+    supersampling: int = 1
+    seed: int = 0
+    device: str = "auto"
+    sh_degree: int | None = None
+    antialiased: bool = False
+    points_per_thread: int = 1
+    max_points: int = 1 << 24
+    dilation_px2: float = 0.3
+    alpha_min: float = 1.0 / 255.0
+    alpha_max: float = 0.99
+    small_splat_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise StippleError(f"method is {self.method!r}; choose one of {', '.join(METHODS)}.")
+        ranges = {
+            "samples": (1, 1 << 24),
+            "supersampling": (1, 16),
+            "seed": (0, (1 << 31) - 1),
+            "points_per_thread": (1, 64),
+            "max_points": (1 << 10, 1 << 30),
+            "dilation_px2": (0.0, 100.0),
+            "alpha_min": (0.0, 1.0),
+            "alpha_max": (0.0, 1.0),
+            "small_splat_px": (0.0, 1e6),
+        }
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise StippleError(f"{name} is {getattr(self, name)}; give a value from {low} to {high}.")
+        if self.sh_degree is not None and not 0 <= self.sh_degree <= 4:
+            raise StippleError(f"sh_degree is {self.sh_degree}; give 0 to 4.")
