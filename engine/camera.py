@@ -68,8 +68,8 @@ class Camera:
     @property
     def position(self) -> npt.NDArray[np.float64]:
         """The camera's place in the world, (3,)."""
-        rotation, translation = self.camera_from_world[:, :3], self.camera_from_world[:, 3]
-        return np.asarray(-rotation.T @ translation)
+        linear, translation = self.camera_from_world[:, :3], self.camera_from_world[:, 3]
+        return -np.linalg.solve(linear, translation)  # a sheared parent leaves it no rotation
 
     def project(self, points_world: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """World points (N, 3) to (x [px], y [px], depth along z [world units]), (N, 3) float64; no clipping."""
@@ -96,9 +96,7 @@ class Camera:
         )
 
 
-def look_at(
-    eye: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike = (0.0, -1.0, 0.0)
-) -> npt.NDArray[np.float64]:
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike = (0.0, -1.0, 0.0)) -> npt.NDArray[np.float64]:
     """`camera_from_world` (3, 4) of a camera at `eye` that looks at `target` with `up` upwards in the picture.
 
     Raises StippleError when the view direction is zero or parallel to `up`.

@@ -20,27 +20,33 @@ from .errors import Cancelled, StippleError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status; `arguments` are those after the program's name."""
     try:
-        import click
-        import rich  # noqa: F401 - needed later; found missing before anything is done
-
-        from .cli_command import command
-    except ModuleNotFoundError as error:
-        print(f"error: the command line needs the Python package {error.name}; install it with pip.", file=sys.stderr)
-        return 1
-    try:
-        command.main(list(sys.argv[1:] if arguments is None else arguments), "stipple", standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
+        return _run(list(sys.argv[1:] if arguments is None else arguments))
     except StippleError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except MemoryError:
         print("error: not enough memory; render fewer captures or a smaller picture.", file=sys.stderr)
         return 1
-    except (click.Abort, Cancelled, KeyboardInterrupt):
+    except (Cancelled, KeyboardInterrupt):
         print("cancelled", file=sys.stderr)
         return 130
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        import click
+        import rich  # noqa: F401 - needed later; found missing before anything is done
+
+        from .cli_command import command
+    except ModuleNotFoundError as error:
+        raise StippleError(f"the command line needs the Python package {error.name}; install it with pip.") from error
+    try:
+        command.main(arguments, "stipple", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except click.Abort as error:  # what click makes of Ctrl-C
+        raise KeyboardInterrupt from error
     return 0
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -97,7 +96,7 @@ def run(job: RenderJob) -> None:
                 write_picture(path, picture, opaque=job.background is not None)
                 notices.warn(picture.stats.warnings)
                 if not job.quiet:
-                    click.echo(summary(path, picture, job.settings.method))
+                    print(summary(path, picture, job.settings.method), flush=True)
         finally:
             renderer.free()
 
@@ -144,6 +143,9 @@ def _render_view(renderer: Renderer, scene: Scene, view: View, job: RenderJob, n
 def _new_renderer(device: str) -> Renderer:
     """The renderer; only now is Warp imported, which takes a second and is not needed for anything else."""
     try:
+        import warp as wp
+
+        wp.config.log_level = wp.LOG_ERROR  # its greeting would land among the results on the output stream
         from .renderer import Renderer
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "warp":

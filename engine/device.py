@@ -21,7 +21,7 @@ from .errors import StippleError
 CHUNKS_PER_THREAD = 4  # evens out chunks of unequal work
 SMALLEST_CHUNK = 1024  # elements; a smaller launch is not worth a thread (a launch costs some 20 µs)
 
-_thread_count = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+_cpu = {"threads": max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)}
 
 
 _pools: dict[int, ThreadPoolExecutor] = {}
@@ -29,12 +29,11 @@ _pools: dict[int, ThreadPoolExecutor] = {}
 
 def set_thread_count(count: int) -> None:
     """Use `count` threads for CPU launches from now on. Never changes a picture."""
-    global _thread_count
-    _thread_count = max(1, count)
+    _cpu["threads"] = max(1, count)
 
 
 def thread_count() -> int:
-    return _thread_count
+    return _cpu["threads"]
 
 
 def _pool(threads: int) -> ThreadPoolExecutor:
@@ -54,7 +53,7 @@ def choose_device(name: str = "auto") -> wp.Device:
 
     Raises StippleError when the machine has no such device.
     """
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING  # kernel loads are not the user's business
     wp.init()
     if name == "auto":
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
@@ -84,7 +83,7 @@ def launch(
     if device.is_cuda:
         wp.launch(kernel, dim=count, inputs=[0, *inputs], device=device, block_dim=block_dim)
         return
-    threads = min(_thread_count, -(-count // smallest_chunk))
+    threads = min(thread_count(), -(-count // smallest_chunk))
     if threads == 1:
         wp.launch(kernel, dim=count, inputs=[0, *inputs], device=device)
         return

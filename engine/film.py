@@ -63,7 +63,7 @@ def resolve_film_kernel(
     background: wp.vec4,
     rgba: wp.array(dtype=wp.vec4),
     depth: wp.array(dtype=wp.float32),
-):
+) -> None:
     pixel = first + wp.tid()
     colour = sums.colour[pixel] / samples
     depth[pixel] = wp.where(colour[3] > wp.float64(0.0), wp.float32(sums.depth[pixel] / samples / colour[3]), wp.inf)

@@ -15,7 +15,7 @@ from .splats import SplatCloud
 
 # Up axis -> (up, where the first view stands), unit vectors. -y is up in what COLMAP-based trainers write.
 UP_AXES = {
-    "-y": ((0, -1, 0), (0, 0, -1)),
+    "-y": ((0, -1, 0), (0, 0, 1)),
     "y": ((0, 1, 0), (0, 0, 1)),
     "-z": ((0, 0, -1), (0, 1, 0)),
     "z": ((0, 0, 1), (0, -1, 0)),
@@ -85,9 +85,9 @@ def orbit(
     - `fov_y`: vertical field of view [rad]. The distance is the one at which the sphere touches the nearer pair of
       picture edges.
     - `elevation`: of the cameras above the centre [rad], between straight down and straight up.
-    - `up`: "-y", "y", "-z", "z", "-x" or "x". The first view stands on the side that is in front in the
-      convention with that up axis (−z for -y, as COLMAP's first camera; −y for z, as Blender's front view), the
-      next ones follow anticlockwise seen from above.
+    - `up`: "-y", "y", "-z", "z", "-x" or "x". The first view stands where viewers with that
+      up axis put the front (+z for y and -y, −y for z as in Blender); the next ones follow anticlockwise seen
+      from above.
 
     Raises StippleError for a value outside its range.
     """

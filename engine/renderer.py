@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The frame as a table of contents: scene and camera in, picture out.
 
-    upload      clouds to the device, once each
-    stage       project and colour what the camera sees
-    method      points: rates │ sorted: order, tiles
-    samples     points: clear, counts, distribute, splat, resolve │ sorted: blend      (repeated)
-    resolve     film to picture
+upload      clouds to the device, once each
+stage       project and colour what the camera sees
+method      points: rates │ sorted: order, tiles
+samples     points: clear, counts, distribute, splat, resolve │ sorted: blend      (repeated)
+resolve     film to picture
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 import weakref
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
@@ -21,19 +22,36 @@ from .camera import Camera
 from .device import choose_device, free_bytes
 from .errors import StippleError
 from .film import Film, Picture, RenderStats
-from .maths.projection import make_pose, make_view
+from .maths.projection import View, make_pose, make_view
 from .points.method import PointsFrame
 from .scene import Scene
 from .settings import Settings
 from .sorted.method import SortedFrame
 from .splats import SplatCloud
-from .staging import DeviceCloud, stage_splats, upload_cloud
+from .staging import DeviceCloud, Staging, stage_splats, upload_cloud
 from .timing import StageTimer
 
 Progress = Callable[[float, str], None]
 """Called between launches with the fraction done and a word on what is being done; raise `Cancelled` to stop."""
 
-METHOD_FRAMES = {"points": PointsFrame, "sorted": SortedFrame}
+
+class MethodFrame(Protocol):
+    """What a method makes of one camera's view of staged splats; `METHOD_FRAMES` holds the constructors."""
+
+    sample_count: int
+    points: int
+    warnings: tuple[str, ...]
+
+    @property
+    def blends(self) -> int: ...
+
+    def render_sample(self, sample: int, film: Film, checkpoint: Callable[[], None]) -> None: ...
+
+
+METHOD_FRAMES: dict[str, Callable[[Staging, View, Settings, int, Buffers, StageTimer], MethodFrame]] = {
+    "points": PointsFrame,
+    "sorted": SortedFrame,
+}
 
 
 class Renderer:
@@ -49,9 +67,7 @@ class Renderer:
         self._synchronise_stages = synchronise_stages
         self._clouds: dict[int, tuple[weakref.ref[SplatCloud], DeviceCloud]] = {}
 
-    def render(
-        self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None
-    ) -> Picture:
+    def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
         """All samples of one picture.
 
         Raises StippleError for what the user can mend (memory, mostly) and lets `Cancelled` through.
@@ -64,9 +80,7 @@ class Renderer:
     def device_clouds(self, scene: Scene) -> list[DeviceCloud]:
         """One per instance, shared by instances of one cloud; drops those the scene no longer has."""
         clouds = {id(instance.cloud): instance.cloud for instance in scene.instances}
-        self._clouds = {
-            key: held for key, held in self._clouds.items() if key in clouds and held[0]() is clouds[key]
-        }
+        self._clouds = {key: held for key, held in self._clouds.items() if key in clouds and held[0]() is clouds[key]}
         for key, cloud in clouds.items():
             if key not in self._clouds:
                 self._clouds[key] = (weakref.ref(cloud), self._upload(cloud))

@@ -42,8 +42,8 @@ class SplatCloud:
       the base colour is `0.5 + SH_C0 * sh_dc`.
     - `sh_rest` (N, C, 3): raw coefficients of bands 1 … degree, C = 0, 3, 8, 15 or 24; evaluated in object space.
 
-    The constructor checks shapes, dtypes and that N > 0, not the values (`degenerate_mask` finds bad ones). Two clouds are
-    equal only if they are the same object, so a cloud can key a cache; treat its arrays as read-only.
+    The constructor checks shapes, dtypes and that N > 0, not the values (`degenerate_mask` finds bad ones). Two clouds
+    are equal only if they are the same object, so a cloud can key a cache; treat its arrays as read-only.
 
     Raises StippleError when an array has the wrong shape or dtype, or when there are no splats.
     """
@@ -66,7 +66,7 @@ class SplatCloud:
             array = getattr(self, name)
             if array.shape != shape or array.dtype != np.float32 or not array.flags.c_contiguous:
                 raise StippleError(
-                    f"{self.name}: {name} is {array.dtype} {array.shape}; give a contiguous float32 array of shape {shape}."
+                    f"{self.name}: {name} is {array.dtype} {array.shape}; give a contiguous float32 array, {shape}."
                 )
         if self.sh_rest.shape[1] not in SH_REST_COUNT:
             raise StippleError(
@@ -109,5 +109,5 @@ def degenerate_mask(
     norm = np.sqrt(np.square(rotation, dtype=np.float32).sum(axis=1))
     bad |= ~np.isfinite(norm) | (norm < MIN_ROTATION_NORM)
     bad |= ~np.isfinite(opacity)
-    bad |= ~np.isfinite(sh).reshape(len(sh), -1).all(axis=1)
+    bad |= ~np.isfinite(sh).all(axis=tuple(range(1, sh.ndim)))
     return bad

@@ -77,13 +77,15 @@ def _view(array: np.ndarray, dtype: object, device: wp.Device) -> wp.array:
     count = len(array)
     if count == 0:
         return wp.empty(0, dtype=dtype, device=device)
-    return wp.array(ptr=array.ctypes.data, dtype=dtype, shape=(count,), device=device, capacity=array.nbytes, copy=False)
+    return wp.array(
+        ptr=array.ctypes.data, dtype=dtype, shape=(count,), device=device, capacity=array.nbytes, copy=False
+    )
 
 
 @wp.kernel
 def mark_visible_kernel(
     first: wp.int32, cloud: DeviceCloud, view: View, pose: Pose, offset: wp.int32, visible: wp.array(dtype=wp.int32)
-):
+) -> None:
     i = first + wp.tid()
     seen = may_be_seen(view, pose, cloud.position[i], cloud.scale[i], cloud.opacity[i])
     visible[offset + i] = wp.where(seen, 1, 0)
@@ -100,7 +102,7 @@ def stage_splats_kernel(
     visible: wp.array(dtype=wp.int32),
     staged_from_splat: wp.array(dtype=wp.int32),  # exclusive prefix sum of visible
     staged: Staged,
-):
+) -> None:
     i = first + wp.tid()
     if visible[offset + i] == 0:
         return

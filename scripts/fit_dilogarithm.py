@@ -2,9 +2,9 @@
 """Fit the polynomials of engine/maths/dilogarithm.py and print them with their largest errors.
 
 Gaussian Point Splatting (doi 10.1145/3811272) §3.4 fits Li2 with one polynomial of degree 7 (7.27e-5) and its inverse
-with one of degree 10 (7.07e-5). Li2 is evaluated once per splat, so here it takes Euler's reflection on top and is exact
-to single precision; the inverse is evaluated once per point and keeps the paper's degree, with no constant term, so
-that faint splats stay faint. Iteratively reweighted least squares (Lawson) drives the fits to the minimax solution.
+with one of degree 10 (7.07e-5). Here Li2 takes Euler's reflection on top and is exact to single precision; the inverse
+keeps the paper's degree, with no constant term, so that faint splats stay faint, and gets one Newton step on top.
+Iteratively reweighted least squares (Lawson) drives the fits to the minimax solution.
 
     .venv/bin/python scripts/fit_dilogarithm.py
 """

@@ -27,13 +27,18 @@ DEPTH_KEY_LARGEST = wp.constant(wp.uint32((1 << DEPTH_KEY_BITS) - 2))  # all one
 
 @wp.struct
 class View:
-    """Camera and projection settings as kernels read them; pixels count from the window's corner."""
+    """Camera and projection settings as kernels read them.
+
+    Pixels count from the whole frame's corner until a pixel's index is taken, so that a window changes no bit.
+    """
 
     focal_px: wp.vec2
     centre_px: wp.vec2
     slope_low: wp.vec2  # limits of x/z and y/z in the expansion
     slope_high: wp.vec2
-    size_px: wp.vec2  # of the window
+    frame_px: wp.vec2  # size of the whole frame
+    window_low: wp.vec2  # corners of the rendered part [px]
+    window_high: wp.vec2
     near: wp.float32
     far: wp.float32
     depth_origin: wp.float32  # subtracted from z before it becomes a sort key
@@ -75,10 +80,12 @@ def make_view(camera: Camera, settings: Settings) -> View:
     centre = np.array([camera.cx, camera.cy])
     view = View()
     view.focal_px = wp.vec2(*focal)
-    view.centre_px = wp.vec2(*(centre - (x, y)))
+    view.centre_px = wp.vec2(*centre)
     view.slope_low = wp.vec2(*(-centre / focal - margin))
     view.slope_high = wp.vec2(*((np.array([camera.width, camera.height]) - centre) / focal + margin))
-    view.size_px = wp.vec2(float(width), float(height))
+    view.frame_px = wp.vec2(float(camera.width), float(camera.height))
+    view.window_low = wp.vec2(float(x), float(y))
+    view.window_high = wp.vec2(float(x + width), float(y + height))
     view.near, view.far = camera.near, camera.far
     view.orthographic = int(camera.projection == "orthographic")
     # An orthographic near plane may lie behind the camera; keys need positive depths.
@@ -142,7 +149,8 @@ def may_be_seen(view: View, pose: Pose, position: wp.vec3, scale: wp.vec3, opaci
     radius = reach * wp.sqrt(sigma_px * sigma_px + view.dilation_px2) * 1.001 + 1.0
     x = view.focal_px[0] * p[0] * inverse_z + view.centre_px[0]
     y = view.focal_px[1] * p[1] * inverse_z + view.centre_px[1]
-    return x > -radius and y > -radius and x < view.size_px[0] + radius and y < view.size_px[1] + radius
+    low, high = view.window_low, view.window_high
+    return x > low[0] - radius and y > low[1] - radius and x < high[0] + radius and y < high[1] + radius
 
 
 @wp.func

@@ -42,12 +42,13 @@ def draw_counts_kernel(
     counts: wp.array(dtype=wp.int32),
     batches: wp.array(dtype=wp.int64),
     runs: wp.array(dtype=wp.int32),
-):
+) -> None:
     i = first + wp.tid()
     rate = rates[i]
     count = int(0)
     if rate == FILLED:
-        box = support_box(view, staged.covariance[i], staged.centre[i], subpixels)
+        low, high = view.window_low, view.window_high
+        box = support_box(view, staged.covariance[i], staged.centre[i], low, high, subpixels)
         count = box[2] * box[3]
     elif rate > 0.0:
         bits = pcg3d(wp.vec3ui(wp.uint32(staged.splat[i]), stream[staged.instance[i]], COUNT_KEY))

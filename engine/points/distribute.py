@@ -48,20 +48,20 @@ def compact_runs_kernel(
     runs: wp.array(dtype=wp.int32),
     run_from_staged: wp.array(dtype=wp.int32),
     staged_from_run: wp.array(dtype=wp.int32),
-):
+) -> None:
     i = first + wp.tid()
     if runs[i] != 0:
         staged_from_run[run_from_staged[i]] = i
 
 
 @wp.kernel
-def mark_runs_kernel(first: wp.int32, work: Work, batch_from_run_end: wp.int64, total: wp.int64, run_count: wp.int32):
+def mark_runs_kernel(first: wp.int32, work: Work, end: wp.int64, total: wp.int64, run_count: wp.int32) -> None:
     run = first + wp.tid()
     start = work.first_batch[work.staged_from_run[run]]
     stop = total
     if run + 1 < run_count:
         stop = work.first_batch[work.staged_from_run[run + 1]]
-    if stop <= work.begin or start >= batch_from_run_end:
+    if stop <= work.begin or start >= end:
         return
     if start <= work.begin:
         work.first_run[0] = run

@@ -32,7 +32,6 @@ class PointsFrame:
     ) -> None:
         self.sample_count = settings.samples
         self.points = 0
-        self.blends = 0
         self.warnings: tuple[str, ...] = ()
         self._staging, self._view, self._settings = staging, view, settings
         self._instance_count, self._buffers, self._timer = instance_count, buffers, timer
@@ -40,6 +39,11 @@ class PointsFrame:
         self._batch = settings.points_per_thread if buffers.device.is_cuda else BATCH_CPU
         with timer.stage("rates"):
             self._rates = find_rates(staging, view, settings.supersampling, buffers)
+
+    @property
+    def blends(self) -> int:
+        """None: points do not blend."""
+        return 0
 
     def render_sample(self, sample: int, film: Film, checkpoint: Callable[[], None]) -> None:
         """Add sample number `sample` to the film; `checkpoint` is called between launches and may raise."""
@@ -76,7 +80,9 @@ class PointsFrame:
                 end = min(begin + step, distribution.batch_count)
                 work = distribute_pass(distribution, begin, end, buffers)
             with timer.stage("splat"):
-                splat_points(staging.arrays, self._view, work, self._rates, stream, s, self._batch, frame, buffers.device)
+                splat_points(
+                    staging.arrays, self._view, work, self._rates, stream, s, self._batch, frame, buffers.device
+                )
         self.points += _sum(drawn[0], buffers)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How many points each splat should throw, once per frame: rate λ of Eq. 3.
 
-Where we differ: a splat so large that its λ exceeds the subpixels of its (window-clipped) bounding box is not thrown
-at but *filled*: one candidate per subpixel, accepted with that subpixel's opacity. That is the paper's clamp to one point
-per subpixel (§4.3), without the opacity the clamp takes away.
+Where we differ: a splat so large that its λ exceeds the subpixels of its (frame-clipped) bounding box is not thrown
+at but *filled*: one candidate per subpixel, accepted with that subpixel's opacity. That is the paper's clamp to one
+point per subpixel (§4.3), without the opacity the clamp takes away.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ FILLED = wp.constant(-1.0)
 
 
 @wp.func
-def support_box(view: View, covariance: wp.vec4, centre: wp.vec4, subpixels: wp.int32) -> wp.vec4i:
-    """Subpixels x0, y0, width, height that the splat's support (opacity >= alpha_min) touches inside the window."""
+def support_box(
+    view: View, covariance: wp.vec4, centre: wp.vec4, low: wp.vec2, high: wp.vec2, subpixels: wp.int32
+) -> wp.vec4i:
+    """Subpixels x0, y0, width, height that the splat's support (opacity >= alpha_min) touches between two corners."""
     reach2 = 2.0 * wp.log(centre[3] / view.alpha_min)
     if not reach2 > 0.0:
         return wp.vec4i(0, 0, 0, 0)
@@ -31,27 +33,28 @@ def support_box(view: View, covariance: wp.vec4, centre: wp.vec4, subpixels: wp.
     half_x = wp.sqrt(reach2 * covariance[0])
     half_y = wp.sqrt(reach2 * covariance[2])
     # Clamped as floats: a huge splat's corners do not fit an int.
-    x0 = int(wp.floor(s * wp.clamp(centre[0] - half_x, 0.0, view.size_px[0])))
-    y0 = int(wp.floor(s * wp.clamp(centre[1] - half_y, 0.0, view.size_px[1])))
-    x1 = int(wp.ceil(s * wp.clamp(centre[0] + half_x, 0.0, view.size_px[0])))
-    y1 = int(wp.ceil(s * wp.clamp(centre[1] + half_y, 0.0, view.size_px[1])))
+    x0 = int(wp.floor(s * wp.clamp(centre[0] - half_x, low[0], high[0])))
+    y0 = int(wp.floor(s * wp.clamp(centre[1] - half_y, low[1], high[1])))
+    x1 = int(wp.ceil(s * wp.clamp(centre[0] + half_x, low[0], high[0])))
+    y1 = int(wp.ceil(s * wp.clamp(centre[1] + half_y, low[1], high[1])))
     return wp.vec4i(x0, y0, x1 - x0, y1 - y0)
 
 
 @wp.kernel
 def find_rates_kernel(
     first: wp.int32, staged: Staged, view: View, subpixels: wp.int32, rates: wp.array(dtype=wp.float32)
-):
+) -> None:
     i = first + wp.tid()
-    box = support_box(view, staged.covariance[i], staged.centre[i], subpixels)
-    area = float(box[2]) * float(box[3])
+    centre, covariance = staged.centre[i], staged.covariance[i]
+    in_window = support_box(view, covariance, centre, view.window_low, view.window_high, subpixels)
+    in_frame = support_box(view, covariance, centre, wp.vec2(0.0, 0.0), view.frame_px, subpixels)
     # A is a subpixel's area, so 1/A is subpixels².
     per_pixel = float(subpixels * subpixels)
-    opacity = wp.min(staged.centre[i][3], 1.0)
-    rate = per_pixel * 6.2831855 * wp.sqrt(staged.covariance[i][3]) * li2(opacity)
-    if area == 0.0:
+    opacity = wp.min(centre[3], 1.0)
+    rate = per_pixel * 6.2831855 * wp.sqrt(covariance[3]) * li2(opacity)
+    if in_window[2] * in_window[3] == 0:
         rate = 0.0
-    elif rate > area:
+    elif rate > float(in_frame[2]) * float(in_frame[3]):
         rate = FILLED
     rates[i] = rate
 

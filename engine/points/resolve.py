@@ -19,9 +19,9 @@ IDENTITY_MASK = wp.constant(wp.uint64((1 << 36) - 1))
 @wp.kernel
 def resolve_points_kernel(
     first: wp.int32, staged: Staged, view: View, subpixels: wp.int32, frame: wp.array(dtype=wp.uint64), film: FilmSums
-):
+) -> None:
     pixel = first + wp.tid()
-    width = int(view.size_px[0])
+    width = int(view.window_high[0] - view.window_low[0])
     y = pixel / width
     x = pixel - y * width
     rgb = wp.vec3(0.0, 0.0, 0.0)

@@ -39,18 +39,18 @@ class Batch:
     cholesky: wp.vec3  # L00, L10, L11 [subpixels]
     opacity: wp.float32
     li2_opacity: wp.float32
-    box: wp.vec4i  # x0, y0, width, height of the support [subpixels]
     filled: wp.int32
-    width: wp.int32  # of the framebuffer [subpixels]
-    height: wp.int32
+    box: wp.vec4i  # x0, y0, width, height of the support in the window [subpixels of the frame]
+    window: wp.vec4i  # x0, y0, width, height [subpixels of the frame]
+    frame_width: wp.int32  # [subpixels]
     alpha_min: wp.float32
     alpha_max: wp.float32
     word: wp.uint64  # what a point writes
 
 
-# Each lane finds its opacity `alpha[i]` and place `at[i]` (-1: outside). A thrown point lies at radius r of the corrected
-# density (appendix B), where the opacity is opacity · exp(-r²/2), the very number the inverse dilogarithm returns.
-# A filled subpixel takes the opacity at its centre. Then the point is kept or rejected:
+# Each lane finds the logarithm of its opacity and its place `at[i]` (-1: outside). A thrown point lies at radius r of
+# the corrected density (appendix B), where the opacity is opacity · exp(-r²/2), the very number whose logarithm the
+# inverse dilogarithm returns. A filled subpixel takes the opacity at its centre. Then the point is kept or rejected:
 # - opacity below alpha_min: 3DGS skips it;
 # - thrown, opacity above alpha_max: points are as dense as -ln(1 - opacity), wanted is -ln(1 - alpha_max);
 # - filled: a coin with the clamped opacity.
@@ -62,18 +62,6 @@ SPLAT_NATIVE = f"""
 #else
     constexpr int lanes = 16;
 #endif
-    // ln x for 0 < x: exponent plus a polynomial on [sqrt(1/2), sqrt(2)), to 2e-7.
-    auto ln = [](float x) {{
-        union {{ float f; int i; }} v; v.f = x;
-        int e = (v.i - 0x3f3504f3) >> 23;
-        v.i -= e << 23;
-        float f = v.f - 1.0f;
-        float p = 7.0376836292e-2f;
-        p = p * f - 1.1514610310e-1f; p = p * f + 1.1676998740e-1f; p = p * f - 1.2420140846e-1f;
-        p = p * f + 1.4249322787e-1f; p = p * f - 1.6668057665e-1f; p = p * f + 2.0000714765e-1f;
-        p = p * f - 2.4999993993e-1f; p = p * f + 3.3333331174e-1f;
-        return f + f * f * (p * f - 0.5f) + 0.69314718f * (float)e;
-    }};
     // sin 2πx for |x| <= 1/4, to 2e-7.
     auto sin_turn = [](float x) {{
         float t = x * 6.2831853f, q = t * t;
@@ -81,33 +69,36 @@ SPLAT_NATIVE = f"""
         p = p * q + 2.7525562e-6f; p = p * q - 1.9840874e-4f; p = p * q + 8.3333310e-3f; p = p * q - 1.6666667e-1f;
         return t + t * q * p;
     }};
+    const float log_opacity = logf(batch.opacity), log_alpha_min = logf(batch.alpha_min);
+    const float log_alpha_max = logf(batch.alpha_max);
+    const float low_x = (float)batch.window[0], high_x = (float)(batch.window[0] + batch.window[2]);
+    const float low_y = (float)batch.window[1], high_y = (float)(batch.window[1] + batch.window[3]);
     for (int base = 0; base < batch.point_count; base += lanes) {{
-        float alpha[lanes], coin[lanes];
+        float log_alphas[lanes], coin[lanes];
         int at[lanes];
         if (batch.filled) {{
             float inverse_00 = 1.0f / batch.cholesky[0], inverse_11 = 1.0f / batch.cholesky[2];
             for (int i = 0; i < lanes; ++i) {{
                 int point = batch.first_point + base + i;
-                unsigned a = batch.splat, b = batch.stream, c = (unsigned)point;
-                pcg3d(a, b, c);
                 int row = point / batch.box[2], column = point - row * batch.box[2];
                 int x = batch.box[0] + column, y = batch.box[1] + row;
+                unsigned a = batch.splat, b = batch.stream, c = (unsigned)(y * batch.frame_width + x);
+                pcg3d(a, b, c);
                 float o0 = ((float)x + 0.5f - batch.mean[0]) * inverse_00;
                 float o1 = ((float)y + 0.5f - batch.mean[1] - batch.cholesky[1] * o0) * inverse_11;
-                alpha[i] = batch.opacity * expf(-0.5f * (o0 * o0 + o1 * o1));
+                log_alphas[i] = log_opacity - 0.5f * (o0 * o0 + o1 * o1);
                 coin[i] = (float)(a >> 8) * 5.9604645e-8f;
-                at[i] = y < batch.height ? y * batch.width + x : -1;
+                at[i] = (y - batch.window[1]) * batch.window[2] + x - batch.window[0];
             }}
         }} else {{
-            float inverse_opacity = 1.0f / batch.opacity;
             for (int i = 0; i < lanes; ++i) {{
                 unsigned a = batch.splat, b = batch.stream, c = (unsigned)(batch.first_point + base + i);
                 pcg3d(a, b, c);
                 float u0 = (float)(a >> 8) * 5.9604645e-8f, u1 = (float)(b >> 8) * 5.9604645e-8f;
-                float fitted = li2_inverse((1.0f - u0) * batch.li2_opacity);
-                alpha[i] = fitted < batch.opacity ? fitted : batch.opacity;
+                float log_alpha = log_li2_inverse((1.0f - u0) * batch.li2_opacity);
+                log_alphas[i] = log_alpha;
                 coin[i] = (float)(c >> 8) * 5.9604645e-8f;
-                float square = -2.0f * ln(alpha[i] * inverse_opacity);
+                float square = 2.0f * (log_opacity - log_alpha);
                 square = square > 0.0f ? square : 0.0f;
                 float r = sqrtf(square);
                 // u1 is the angle in turns, folded to where the polynomial holds.
@@ -117,16 +108,18 @@ SPLAT_NATIVE = f"""
                 float o0 = r * sin_turn(fold), o1 = r * sin_turn(v < 0.0f ? -quarter : quarter);
                 float x = batch.mean[0] + batch.cholesky[0] * o0;
                 float y = batch.mean[1] + batch.cholesky[1] * o0 + batch.cholesky[2] * o1;
-                bool inside = x >= 0.0f && y >= 0.0f && x < (float)batch.width && y < (float)batch.height;
-                at[i] = inside ? (int)y * batch.width + (int)x : -1;
+                bool inside = x >= low_x && y >= low_y && x < high_x && y < high_y;
+                at[i] = inside ? ((int)y - batch.window[1]) * batch.window[2] + (int)x - batch.window[0] : -1;
             }}
         }}
         for (int i = 0; i < lanes; ++i) {{
-            if (base + i >= batch.point_count || at[i] < 0 || alpha[i] < batch.alpha_min) continue;
+            if (base + i >= batch.point_count || at[i] < 0 || log_alphas[i] < log_alpha_min) continue;
             if (batch.filled) {{
-                if (coin[i] >= (alpha[i] < batch.alpha_max ? alpha[i] : batch.alpha_max)) continue;
-            }} else if (alpha[i] > batch.alpha_max) {{
-                float density = alpha[i] < 1.0f ? -logf(1.0f - alpha[i]) : 1e30f;
+                float alpha = expf(log_alphas[i]);
+                if (coin[i] >= (alpha < batch.alpha_max ? alpha : batch.alpha_max)) continue;
+            }} else if (log_alphas[i] > log_alpha_max) {{
+                float alpha = expf(log_alphas[i]);
+                float density = alpha < 1.0f ? -logf(1.0f - alpha) : 1e30f;
                 if (coin[i] * density > -logf(1.0f - batch.alpha_max)) continue;
             }}
             unsigned long long* word = (unsigned long long*)&frame.data[at[i]];
@@ -143,7 +136,7 @@ SPLAT_NATIVE = f"""
 
 
 @wp.func_native(SPLAT_NATIVE)
-def splat_batch(batch: Batch, frame: wp.array(dtype=wp.uint64)):
+def splat_batch(batch: Batch, frame: wp.array(dtype=wp.uint64)) -> None:
     """Throw one batch of points into the framebuffer."""
     ...
 
@@ -159,7 +152,7 @@ def splat_points_kernel(
     subpixels: wp.int32,
     batch_size: wp.int32,
     frame: wp.array(dtype=wp.uint64),
-):
+) -> None:
     j = first + wp.tid()
     i = work.staged_from_run[work.first_run[0] + work.run_from_batch[j] - 1]
     centre = staged.centre[i]
@@ -177,9 +170,11 @@ def splat_points_kernel(
     batch.opacity = wp.min(centre[3], 1.0)
     batch.li2_opacity = li2(batch.opacity)
     batch.filled = wp.where(rates[i] == FILLED, 1, 0)
-    batch.box = support_box(view, covariance, centre, subpixels)
-    batch.width = int(view.size_px[0]) * subpixels
-    batch.height = int(view.size_px[1]) * subpixels
+    batch.box = support_box(view, covariance, centre, view.window_low, view.window_high, subpixels)
+    low = wp.vec2i(view.window_low)
+    size = wp.vec2i(view.window_high) - low
+    batch.window = subpixels * wp.vec4i(low[0], low[1], size[0], size[1])
+    batch.frame_width = int(view.frame_px[0]) * subpixels
     batch.alpha_min = view.alpha_min
     batch.alpha_max = view.alpha_max
     batch.word = (wp.uint64(depth_key(centre[2], view)) << IDENTITY_BITS) | wp.uint64(i)

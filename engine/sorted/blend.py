@@ -4,9 +4,8 @@
 The body is C++ on clang's 16-wide vector types, because Warp compiles a scalar kernel for the CPU and a scalar kernel
 blends some 130 M pixel-splats per second and core where this reaches several hundred million (docs/performance.md).
 
-α = min(alpha_max, opacity · exp(power)), skipped below alpha_min; a row stops when all its pixels let less than 1e-4
-through. Where we differ from INRIA: the fragment that crosses 1e-4 is still blended (there it is dropped, which can take
-1 % of a pixel's light); the difference to no early stop at all is below 1e-4.
+α = min(alpha_max, opacity · exp(power)), skipped below alpha_min; a pixel stops when it lets less than 1e-4 through. Where we differ from INRIA: the fragment that crosses 1e-4 is still blended (there it is dropped, which can
+take 1 % of a pixel's light); the difference to no early stop at all is below 1e-4.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ BLEND_ROW_NATIVE = f"""
     typedef float f16 __attribute__((ext_vector_type(16)));
     typedef int i16 __attribute__((ext_vector_type(16)));
     const f16 lane = {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}};
-    const f16 x = lane + ((float)x0 + sampling.offset_px[0]);
-    const float y = (float)pixel_y + sampling.offset_px[1];
+    const f16 x = lane + (sampling.corner[0] + (float)x0) + sampling.offset_px[0];
+    const float y = sampling.corner[1] + (float)pixel_y + sampling.offset_px[1];
     f16 through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f, depth = 0.0f;
     long long blends = 0;
     const wp::vec4* place_of = (const wp::vec4*)ordered.place.data;
@@ -42,7 +41,9 @@ BLEND_ROW_NATIVE = f"""
         const f16 dx = x - place[0];
         const f16 o0 = shape[0] * dx, o1 = shape[1] * dx + shape[2] * dy;
         const f16 power = -0.5f * (o0 * o0 + o1 * o1);
-        const i16 inside = power >= place[3];
+        const i16 open = through >= {STOP_TRANSMITTANCE}f;
+        if (!__builtin_reduce_or(open)) break;
+        const i16 inside = (power >= place[3]) & open;
         blends += 16;
         if (!__builtin_reduce_or(inside)) continue;
         // exp by 2^n · 2^f, f in [-1/2, 1/2], to 2e-7; power is never below ln(alpha_min) where it counts.
@@ -64,7 +65,6 @@ BLEND_ROW_NATIVE = f"""
         green += weight * colour[1];
         blue += weight * colour[2];
         depth += weight * colour[3];
-        if (!__builtin_reduce_or(through >= {STOP_TRANSMITTANCE}f)) break;
     }}
     const int row = pixel_y * sampling.width;
     for (int i = 0; i < 16 && x0 + i < sampling.width; ++i) {{
@@ -108,7 +108,7 @@ def blend_rows_kernel(
     sampling: Sampling,
     film: FilmSums,
     blends: wp.array(dtype=wp.int64),
-):
+) -> None:
     # Rows of one tile follow each other, so that its fragments are read from the cache.
     i = skip + first + wp.tid()
     tile = i / 16

@@ -21,7 +21,8 @@ BLEND_PIXEL_NATIVE = f"""
     const int lane = threadIdx.x;
     const int pixel_x = x0 + (lane & 15), pixel_y = y0 + (lane >> 4);
     const bool inside = pixel_x < sampling.width && pixel_y < sampling.height;
-    const float x = (float)pixel_x + sampling.offset_px[0], y = (float)pixel_y + sampling.offset_px[1];
+    const float x = sampling.corner[0] + (float)pixel_x + sampling.offset_px[0];
+    const float y = sampling.corner[1] + (float)pixel_y + sampling.offset_px[1];
     float through = 1.0f, red = 0.0f, green = 0.0f, blue = 0.0f, depth = 0.0f;
     bool done = !inside;
     long long blends = 0;
@@ -97,7 +98,7 @@ def blend_pixels_kernel(
     sampling: Sampling,
     film: FilmSums,
     blends: wp.array(dtype=wp.int64),
-):
+) -> None:
     i = skip + first + wp.tid()
     tile = i / 256
     row = tile / sampling.columns

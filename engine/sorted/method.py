@@ -52,6 +52,7 @@ class SortedFrame:
         s = self._subpixels
         sampling = Sampling()
         sampling.offset_px = wp.vec2((sample % s + 0.5) / s, (sample // s % s + 0.5) / s)
+        sampling.corner = self._view.window_low
         sampling.alpha_max = self._view.alpha_max
         sampling.width, sampling.height = film.width, film.height
         sampling.columns = self._tiles.columns

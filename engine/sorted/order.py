@@ -21,20 +21,24 @@ wp.set_module_options({"enable_backward": False})
 class Ordered:
     """Splats front to back, as blending reads them.
 
-    An offset d from the mean has power -½ (o0² + o1²) with o0 = a dx and o1 = b dx + c dy: the inverse Cholesky factor of
-    the covariance. Unlike the usual conic form it sums squares, so needles do not cancel.
+    An offset d from the mean has power -½ (o0² + o1²) with o0 = a dx and o1 = b dx + c dy: the inverse Cholesky factor
+    of the covariance. Unlike the usual conic form it sums squares, so needles do not cancel.
     """
 
     place: wp.array(dtype=wp.vec4)  # mean x, y [px]; opacity; power below which opacity falls under alpha_min
-    shape: wp.array(dtype=wp.vec4)  # a, b, c [1/px]; half height of the support [px]
+    shape: wp.array(dtype=wp.vec4)  # a, b, c [1/px]; half height of the support, and a little [px]
     colour: wp.array(dtype=wp.vec4)  # as trained; depth [world units]
     covariance: wp.array(dtype=wp.vec4)  # xx, xy, yy [px²]; determinant [px⁴]
 
 
 @wp.kernel
 def find_depth_keys_kernel(
-    first: wp.int32, staged: Staged, view: View, keys: wp.array(dtype=wp.int32), staged_from_order: wp.array(dtype=wp.int32)
-):
+    first: wp.int32,
+    staged: Staged,
+    view: View,
+    keys: wp.array(dtype=wp.int32),
+    staged_from_order: wp.array(dtype=wp.int32),
+) -> None:
     i = first + wp.tid()
     keys[i] = int(depth_key(staged.centre[i][2], view))
     staged_from_order[i] = i
@@ -48,7 +52,7 @@ def lay_out_kernel(
     small_splat_px: wp.float32,
     staged_from_order: wp.array(dtype=wp.int32),
     ordered: Ordered,
-):
+) -> None:
     j = first + wp.tid()
     i = staged_from_order[j]
     centre = staged.centre[i]
@@ -65,7 +69,7 @@ def lay_out_kernel(
     if wp.sqrt(reach2 * largest) < small_splat_px:
         reach2 = 0.0
     ordered.place[j] = wp.vec4(centre[0], centre[1], centre[3], -0.5 * reach2)
-    ordered.shape[j] = wp.vec4(1.0 / l00, -xy / (xx * l11), 1.0 / l11, wp.sqrt(reach2 * yy))
+    ordered.shape[j] = wp.vec4(1.0 / l00, -xy / (xx * l11), 1.0 / l11, wp.sqrt(reach2 * yy) + 0.01)
     ordered.colour[j] = wp.vec4(colour[0], colour[1], colour[2], centre[2])
     ordered.covariance[j] = covariance
 

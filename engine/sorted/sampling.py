@@ -13,6 +13,7 @@ class Sampling:
     """One sample position for the whole window, and the limit of opacity."""
 
     offset_px: wp.vec2  # of the sample from the pixel's corner
+    corner: wp.vec2  # of the window in the frame [px]
     alpha_max: wp.float32
     width: wp.int32  # of the window [px]
     height: wp.int32

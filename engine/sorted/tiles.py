@@ -21,6 +21,7 @@ wp.set_module_options({"enable_backward": False})
 
 TILE_PX = 16
 TILE = wp.constant(float(TILE_PX))
+EDGE_PX = wp.constant(0.01)  # a pixel that rounding puts just inside a splat must not miss it
 
 
 @dataclass(frozen=True)
@@ -35,50 +36,57 @@ class Tiles:
     end: wp.array
 
 
+@wp.struct
+class TileGrid:
+    """Tiles over the rendered window."""
+
+    corner: wp.vec2  # of the window in the frame [px]
+    columns: wp.int32
+    rows: wp.int32
+
+
 @wp.func
-def tile_rows(place: wp.vec4, half_height: wp.float32, rows: wp.int32) -> wp.vec2i:
+def tile_rows(y: wp.float32, half_height: wp.float32, rows: wp.int32) -> wp.vec2i:
     """First row of tiles that the support touches, and the row after the last."""
     limit = float(rows)
-    low = wp.clamp(wp.floor((place[1] - half_height) / TILE), 0.0, limit)
-    high = wp.clamp(wp.floor((place[1] + half_height) / TILE) + 1.0, 0.0, limit)
+    low = wp.clamp(wp.floor((y - half_height) / TILE), 0.0, limit)
+    high = wp.clamp(wp.floor((y + half_height) / TILE) + 1.0, 0.0, limit)
     return wp.vec2i(int(low), int(high))
 
 
 @wp.func
-def tile_span(place: wp.vec4, covariance: wp.vec4, row: wp.int32, columns: wp.int32) -> wp.vec2i:
+def tile_span(mean: wp.vec2, reach2: wp.float32, covariance: wp.vec4, row: wp.int32, columns: wp.int32) -> wp.vec2i:
     """First tile of a row of tiles that the support touches, and the tile after the last.
 
     The ellipse's right edge over y is concave and peaks where it touches its bounding box, so its largest x over the
     row's heights is at that point, clamped to them; the left edge mirrors it.
     """
-    reach2 = -2.0 * place[3]
     xx, xy, yy, determinant = covariance[0], covariance[1], covariance[2], covariance[3]
     half_height = wp.sqrt(reach2 * yy)
-    low = wp.max(float(row) * TILE - place[1], -half_height)
-    high = wp.min(float(row + 1) * TILE - place[1], half_height)
+    low = wp.max(float(row) * TILE - mean[1], -half_height)
+    high = wp.min(float(row + 1) * TILE - mean[1], half_height)
     touch = xy * wp.sqrt(reach2 / xx)
     y_right = wp.clamp(touch, low, high)
     y_left = wp.clamp(-touch, low, high)
     right = xy / yy * y_right + wp.sqrt(wp.max(reach2 - y_right * y_right / yy, 0.0) * determinant / yy)
     left = xy / yy * y_left - wp.sqrt(wp.max(reach2 - y_left * y_left / yy, 0.0) * determinant / yy)
     limit = float(columns)
-    first = wp.clamp(wp.floor((place[0] + left) / TILE), 0.0, limit)
-    last = wp.clamp(wp.floor((place[0] + right) / TILE) + 1.0, 0.0, limit)
+    first = wp.clamp(wp.floor((mean[0] + left - EDGE_PX) / TILE), 0.0, limit)
+    last = wp.clamp(wp.floor((mean[0] + right + EDGE_PX) / TILE) + 1.0, 0.0, limit)
     return wp.vec2i(int(first), int(last))
 
 
 @wp.kernel
-def count_fragments_kernel(
-    first: wp.int32, ordered: Ordered, columns: wp.int32, rows: wp.int32, counts: wp.array(dtype=wp.int64)
-):
+def count_fragments_kernel(first: wp.int32, ordered: Ordered, grid: TileGrid, counts: wp.array(dtype=wp.int64)) -> None:
     j = first + wp.tid()
     place = ordered.place[j]
     count = wp.int64(0)
     if place[3] < 0.0:
         covariance = ordered.covariance[j]
-        span_rows = tile_rows(place, ordered.shape[j][3], rows)
+        mean = wp.vec2(place[0], place[1]) - grid.corner
+        span_rows = tile_rows(mean[1], ordered.shape[j][3], grid.rows)
         for row in range(span_rows[0], span_rows[1]):
-            span = tile_span(place, covariance, row, columns)
+            span = tile_span(mean, -2.0 * place[3], covariance, row, grid.columns)
             count += wp.int64(wp.max(span[1] - span[0], 0))
     counts[j] = count
 
@@ -87,23 +95,23 @@ def count_fragments_kernel(
 def write_fragments_kernel(
     first: wp.int32,
     ordered: Ordered,
-    columns: wp.int32,
-    rows: wp.int32,
+    grid: TileGrid,
     first_fragment: wp.array(dtype=wp.int64),
     tile_from_fragment: wp.array(dtype=wp.int32),
     order_from_fragment: wp.array(dtype=wp.int32),
-):
+) -> None:
     j = first + wp.tid()
     place = ordered.place[j]
     if not place[3] < 0.0:
         return
     covariance = ordered.covariance[j]
     fragment = first_fragment[j]
-    span_rows = tile_rows(place, ordered.shape[j][3], rows)
+    mean = wp.vec2(place[0], place[1]) - grid.corner
+    span_rows = tile_rows(mean[1], ordered.shape[j][3], grid.rows)
     for row in range(span_rows[0], span_rows[1]):
-        span = tile_span(place, covariance, row, columns)
+        span = tile_span(mean, -2.0 * place[3], covariance, row, grid.columns)
         for column in range(span[0], span[1]):
-            tile_from_fragment[fragment] = row * columns + column
+            tile_from_fragment[fragment] = row * grid.columns + column
             order_from_fragment[fragment] = j
             fragment += wp.int64(1)
 
@@ -115,7 +123,7 @@ def find_tile_ranges_kernel(
     count: wp.int32,
     begin: wp.array(dtype=wp.int32),
     end: wp.array(dtype=wp.int32),
-):
+) -> None:
     f = first + wp.tid()
     tile = tile_from_fragment[f]
     if f == 0 or tile_from_fragment[f - 1] != tile:
@@ -127,12 +135,16 @@ def find_tile_ranges_kernel(
 def cut_into_tiles(ordered: Ordered, count: int, view: View, buffers: Buffers) -> Tiles:
     """Fragments of `count` ordered splats, sorted by tile. Reads back the fragment count."""
     device = buffers.device
-    columns, rows = -(-int(view.size_px[0]) // TILE_PX), -(-int(view.size_px[1]) // TILE_PX)
+    grid = TileGrid()
+    grid.corner = view.window_low
+    size_px = view.window_high - view.window_low
+    columns, rows = (-(-int(size) // TILE_PX) for size in size_px)
+    grid.columns, grid.rows = columns, rows
     counts = buffers.array("fragment_counts", wp.int64, count)
     first_fragment = buffers.array("first_fragment", wp.int64, count)
     fragment_count = 0
     if count:
-        launch(count_fragments_kernel, count, [ordered, columns, rows, counts], device)
+        launch(count_fragments_kernel, count, [ordered, grid, counts], device)
         wp.utils.array_scan(counts, first_fragment, inclusive=False)
         fragment_count = int(first_fragment[-1:].numpy()[0] + counts[-1:].numpy()[0])
     tile_from_fragment = buffers.array("tile_from_fragment", wp.int32, 2 * fragment_count)
@@ -142,7 +154,7 @@ def cut_into_tiles(ordered: Ordered, count: int, view: View, buffers: Buffers) -
     begin.zero_()
     end.zero_()
     if fragment_count:
-        inputs = [ordered, columns, rows, first_fragment, tile_from_fragment, order_from_fragment]
+        inputs = [ordered, grid, first_fragment, tile_from_fragment, order_from_fragment]
         launch(write_fragments_kernel, count, inputs, device)
         # Stable, so each tile keeps the depth order. Only the bits a tile number has are sorted.
         bits = max(1, (columns * rows - 1).bit_length())

@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from stipple.engine.renderer import Renderer
+
+
+@pytest.fixture(scope="session")
+def renderer(device: str) -> Iterator[Renderer]:
+    """One renderer per device for all tests, so that buffers left over from one scene meet the next."""
+    renderer = Renderer(device)
+    yield renderer
+    renderer.free()

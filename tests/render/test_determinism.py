@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Equal keys give equal bits, whatever the number of threads, the buffers left over, or the order of frames."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from stipple.engine import device as engine_device
+from stipple.engine.errors import Cancelled, StippleError
+from stipple.engine.renderer import Frame, Renderer
+from stipple.engine.settings import Settings
+from tests.scenes import front_camera, random_cloud, scene_of
+
+METHODS = ("points", "sorted")
+
+
+@pytest.fixture
+def threads() -> Iterator[None]:
+    before = engine_device.thread_count()
+    yield
+    engine_device.set_thread_count(before)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.usefixtures("threads")
+def test_threads_change_no_bit(renderer: Renderer, method: str) -> None:
+    scene = scene_of(random_cloud(3000, 1, sigma_px=(0.5, 6.0), sh_degree=3))
+    settings = Settings(method=method, samples=4, supersampling=2)
+    pictures = []
+    for count in (1, 2, 7):
+        engine_device.set_thread_count(count)
+        pictures.append(renderer.render(scene, front_camera(320, 240), settings))
+    for other in pictures[1:]:
+        assert np.array_equal(pictures[0].rgba, other.rgba)
+        assert np.array_equal(pictures[0].depth, other.depth)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_other_frames_in_between_change_no_bit(renderer: Renderer, method: str) -> None:
+    scene = scene_of(random_cloud(300, 1))
+    settings = Settings(method=method, samples=3)
+    first = renderer.render(scene, front_camera(), settings).rgba
+    renderer.render(scene_of(random_cloud(900, 2)), front_camera(200, 160), Settings(samples=2, supersampling=3))
+    assert np.array_equal(first, renderer.render(scene, front_camera(), settings).rgba)
+
+
+def test_seeds_and_samples_differ(renderer: Renderer) -> None:
+    scene = scene_of(random_cloud(300, 1))
+    pictures = [renderer.render(scene, front_camera(), Settings(samples=1, seed=seed)).rgba for seed in (0, 1)]
+    assert (pictures[0] != pictures[1]).mean() > 0.2
+    frame = Frame(renderer, scene, front_camera(), Settings(samples=2))
+    frame.render_sample(1)
+    assert not np.array_equal(frame.resolve().rgba, pictures[0])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_cancel_leaves_a_usable_renderer(renderer: Renderer, method: str) -> None:
+    scene, settings = scene_of(random_cloud(300, 1)), Settings(method=method, samples=4)
+    wanted = renderer.render(scene, front_camera(), settings).rgba
+    calls = 0
+
+    def stop(fraction: float, text: str) -> None:
+        nonlocal calls
+        calls += 1
+        assert 0.0 <= fraction <= 1.0 and text
+        if calls == 3:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        renderer.render(scene, front_camera(), settings, stop)
+    assert calls == 3
+    assert np.array_equal(wanted, renderer.render(scene, front_camera(), settings).rgba)
+
+
+def test_clouds_leave_with_their_scene(device: str) -> None:
+    renderer = Renderer(device)
+    for seed in range(4):
+        renderer.render(scene_of(random_cloud(100, seed)), front_camera(), Settings(samples=1))
+        gc.collect()
+        assert len(renderer._clouds) == 1
+    renderer.free()
+    assert renderer.buffers.held_bytes == 0
+
+
+def test_too_little_memory_is_one_sentence_with_numbers(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stipple.engine.buffers.free_bytes", lambda device: 1 << 20)
+    renderer.free()
+    scene = scene_of(random_cloud(300, 1))
+    with pytest.raises(StippleError, match=r"GiB are needed for .* and 0\.00 GiB are free; render fewer"):
+        renderer.render(scene, front_camera(2000, 1500), Settings(samples=1, supersampling=2))
+    monkeypatch.undo()
+    assert renderer.render(scene, front_camera(), Settings(samples=1)).rgba.any()
+
+
+def test_unknown_device_names_those_there_are() -> None:
+    with pytest.raises(StippleError, match="choose one of cpu"):
+        Renderer("cuda:99")
