@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Blender side of Stipple: operators, properties, panels and the render engine. The only folder that imports bpy.
+
+Registering is cheap: Warp is imported by the first render, never here.
+"""
+
+from __future__ import annotations
+
+import atexit
+
+import bpy
+
+from . import properties, render_engine, residency, ui
+from .operators import import_splats
+
+PARTS = (properties, residency, import_splats, render_engine, ui)  # in order; undone in reverse
+
+
+def register() -> None:
+    """Adds everything to Blender; may be called again after `unregister`."""
+    for part in PARTS:
+        part.register()
+    if bpy.app.module:  # bpy 4.5 as a Python module hangs at exit unless all of this is undone before
+        atexit.register(unregister)
+
+
+def unregister() -> None:
+    """Takes everything out of Blender and frees what the caches hold; does nothing the second time."""
+    atexit.unregister(unregister)
+    if not render_engine.StippleRenderEngine.is_registered:
+        return
+    for part in reversed(PARTS):
+        part.unregister()

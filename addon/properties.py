@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Render settings of a scene: `scene.stipple`."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+
+METHODS = (
+    ("POINTS", "Points", "Scatter each splat as random opaque points; the picture gets cleaner with every sample"),
+    ("SORTED", "Sorted", "Blend the splats in depth order; free of noise, needs one sample"),
+)
+DEVICES = (
+    ("AUTO", "Automatic", "Use an NVIDIA GPU where there is one, otherwise the CPU"),
+    ("CPU", "CPU", "Use the processor"),
+    ("CUDA", "CUDA", "Use the first NVIDIA GPU"),
+)
+
+
+class StippleSceneSettings(bpy.types.PropertyGroup):
+    """What `engine.settings.Settings` needs, as animatable properties."""
+
+    method: EnumProperty(  # type: ignore[valid-type]
+        name="Method", description="How splats are turned into a picture", items=METHODS, default="POINTS"
+    )
+    samples: IntProperty(  # type: ignore[valid-type]
+        name="Samples",
+        description="Number of random point sets averaged for each pixel; more samples take longer and are less noisy",
+        default=64,
+        min=1,
+        soft_max=1024,
+        max=1 << 24,
+    )
+    supersampling: IntProperty(  # type: ignore[valid-type]
+        name="Supersampling",
+        description="Subpixels along each side of a pixel, averaged; smooths edges and fine detail",
+        default=1,
+        min=1,
+        soft_max=4,
+        max=16,
+    )
+    seed: IntProperty(  # type: ignore[valid-type]
+        name="Seed",
+        description="Start of the random numbers; equal seeds give equal pictures",
+        default=0,
+        min=0,
+    )
+    device: EnumProperty(  # type: ignore[valid-type]
+        name="Device", description="Hardware that renders", items=DEVICES, default="AUTO"
+    )
+    sh_degree: IntProperty(  # type: ignore[valid-type]
+        name="SH Degree",
+        description="Highest degree of the view-dependent color; 4 uses everything a capture has, 0 no view dependence",
+        default=4,
+        min=0,
+        max=4,
+    )
+    antialiased: BoolProperty(  # type: ignore[valid-type]
+        name="Antialiased",
+        description="Lower the opacity of splats smaller than a pixel; turn on for captures that were trained with it",
+        default=False,
+    )
+    points_per_thread: IntProperty(  # type: ignore[valid-type]
+        name="Points per Thread",
+        description="Points drawn together; more than 1 is faster on a GPU and slightly wrong. Use 1 for final renders",
+        default=1,
+        min=1,
+        max=64,
+    )
+    alpha_max: FloatProperty(  # type: ignore[valid-type]
+        name="Opacity Limit",
+        description="Largest opacity of a splat in a pixel, as in the capture's training: "
+        "0.99 for the original 3DGS trainer, 0.999 for gsplat",
+        default=0.99,
+        min=0.5,
+        max=1.0,
+        precision=3,
+        step=0.1,
+        subtype="FACTOR",
+    )
+
+
+def register() -> None:
+    bpy.utils.register_class(StippleSceneSettings)
+    bpy.types.Scene.stipple = PointerProperty(type=StippleSceneSettings)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.stipple
+    bpy.utils.unregister_class(StippleSceneSettings)

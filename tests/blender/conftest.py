@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A Blender with Stipple registered once, and an empty file for every test."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("bpy") is None:
+    collect_ignore_glob = ["test_*.py"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def registered() -> Iterator[None]:
+    import stipple
+
+    stipple.register()
+    yield
+    stipple.unregister()
+
+
+@pytest.fixture(autouse=True)
+def empty_file(registered: None) -> None:
+    import bpy
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+
+
+@pytest.fixture
+def koala_path() -> Path:
+    root = Path(os.environ.get("STIPPLE_SHARED", Path(__file__).parents[3] / "shared"))
+    path = root / "data" / "real" / "koala.ply"
+    if not path.exists():
+        pytest.skip("the real captures are not here")
+    return path
