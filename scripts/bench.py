@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Measure the renderer's stages at 1920×1080: a table on the terminal, JSON in a file. `scripts/bench` runs it.
+
+Needs Warp, NumPy and plyfile only. Every stage waits for the device, so a stage's time is its own. Medians are over
+`--repeats` frames after one that compiles and warms up. On a CPU, a rate "per core" is the rate of the stage divided by
+the threads that ran it.
+
+    scripts/bench --device cpu --json bench.json
+    scripts/bench --preset sample --method points --supersampling 2 --threads 1
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import statistics
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from stipple.engine import device as engine_device
+from stipple.engine.camera import Camera, look_at
+from stipple.engine.formats import read_splats
+from stipple.engine.formats.cameras_file import read_cameras
+from stipple.engine.renderer import Renderer
+from stipple.engine.scene import Instance, Scene
+from stipple.engine.settings import METHODS, Settings
+from stipple.engine.splats import SplatCloud
+from stipple.scripts.sample_capture import build_sample
+
+ROOT = Path(__file__).resolve().parent.parent
+REAL = ROOT.parent / "shared" / "data" / "real"
+SIZE = (1920, 1080)
+RATE_STAGES = {"points": "splat", "sorted": "blend"}
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A scene and a camera to measure. `load` returns None where a file it needs is absent."""
+
+    text: str
+    load: Callable[[], tuple[SplatCloud, Camera] | None]
+
+
+def sample(splat_count: int) -> tuple[SplatCloud, Camera]:
+    """The project's own sample, as on the README."""
+    width, height = SIZE
+    focal = 0.5 * height / np.tan(np.radians(30.0) / 2)
+    pose = look_at((0.9, -1.12, -2.95), (0.03, -0.41, 0.0))
+    return build_sample(splat_count), Camera(pose, width, height, focal, focal, width / 2, height / 2, near=0.05)
+
+
+def koala() -> tuple[SplatCloud, Camera] | None:
+    if not REAL.is_dir():
+        return None
+    camera = read_cameras(REAL / "koala_cameras.json")[0].resized(*SIZE)
+    return read_splats(REAL / "koala.ply").cloud, camera
+
+
+PRESETS = {
+    "koala": Preset("54,804 splats, a real capture, SH degree 0 (skipped without ../shared)", koala),
+    "sample": Preset("260,000 splats, the project's own sample, SH degree 3", lambda: sample(260_000)),
+    "playbot-sized": Preset("500,000 splats, the same sample, denser", lambda: sample(500_000)),
+}
+
+
+def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Settings, repeats: int) -> dict[str, Any]:
+    """Stage medians [ms] and rates of one method; each repeat is a frame of one sample per subpixel."""
+    scene = Scene((Instance(cloud),))
+    renderer.render(scene, camera, settings)
+    frames = [renderer.render(scene, camera, settings).stats for _ in range(repeats)]
+    stage = RATE_STAGES[settings.method]
+    work = frames[0].points or frames[0].blends
+    rates = sorted(work / stats.stage_seconds[stage] for stats in frames)
+    threads = 1 if renderer.device.is_cuda else engine_device.thread_count()
+    totals = sorted(1e3 * stats.seconds for stats in frames)
+    return {
+        "splats": cloud.splat_count,
+        "splats_visible": frames[0].splats_visible,
+        "supersampling": settings.supersampling,
+        "frame_ms": statistics.median(totals),
+        "frame_p95_ms": totals[min(len(totals) - 1, int(0.95 * len(totals)))],
+        "stages_ms": {
+            name: statistics.median(1e3 * stats.stage_seconds[name] for stats in frames)
+            for name in frames[0].stage_seconds
+        },
+        "points" if settings.method == "points" else "blends": work,
+        "rate_per_second": statistics.median(rates),
+        "rate_per_second_and_core": statistics.median(rates) / threads,
+        "buffer_bytes": frames[0].peak_bytes,
+    }
+
+
+def machine(renderer: Renderer) -> dict[str, Any]:
+    return {
+        "device": renderer.device.name,
+        "processor": processor_name(),
+        "threads": engine_device.thread_count(),
+        "python": platform.python_version(),
+        "warp": wp.__version__,
+        "system": platform.platform(),
+    }
+
+
+def processor_name() -> str:
+    table = Path("/proc/cpuinfo")
+    if table.exists():
+        for line in table.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor()
+
+
+def print_row(preset: str, method: str, row: dict[str, Any]) -> None:
+    unit = "points" if method == "points" else "blends"
+    stages = "  ".join(f"{name} {ms:.1f}" for name, ms in row["stages_ms"].items())
+    print(
+        f"{preset:14} {method:7} {row['frame_ms']:8.1f} ms  {row[unit] / 1e6:8.1f} M {unit}  "
+        f"{row['rate_per_second'] / 1e6:7.0f} M/s  {row['rate_per_second_and_core'] / 1e6:7.0f} M/s per core\n"
+        f"{'':22} {stages}"
+    )
+
+
+def parse() -> argparse.Namespace:
+    texts = "\n".join(f"  {name:14} {preset.text}" for name, preset in PRESETS.items())
+    parser = argparse.ArgumentParser(
+        prog="scripts/bench",
+        description="Measure the renderer's stages at 1920×1080.",
+        epilog=f"presets:\n{texts}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--preset", choices=PRESETS, action="append", help="may be repeated; default: all")
+    parser.add_argument("--method", choices=METHODS, action="append", help="may be repeated; default: all")
+    parser.add_argument("--device", default="auto", help="auto (default), cpu or cuda:N")
+    parser.add_argument("--supersampling", type=int, default=1)
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--threads", type=int, default=engine_device.thread_count(), help="on a CPU; default: all")
+    parser.add_argument("--json", type=Path, default=ROOT / "bench.json", metavar="FILE")
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = parse()
+    engine_device.set_thread_count(options.threads)
+    renderer = Renderer(options.device, synchronise_stages=True)
+    result: dict[str, Any] = {"machine": machine(renderer), "size": SIZE, "repeats": options.repeats, "presets": {}}
+    print(", ".join(f"{key} {value}" for key, value in result["machine"].items()))
+    for name in options.preset or PRESETS:
+        loaded = PRESETS[name].load()
+        if loaded is None:
+            print(f"{name:14} skipped: its files are not here")
+            continue
+        rows = result["presets"][name] = {}
+        for method in options.method or METHODS:
+            settings = Settings(method=method, samples=1, supersampling=options.supersampling)
+            rows[method] = measure(renderer, *loaded, settings, options.repeats)
+            print_row(name, method, rows[method])
+    options.json.write_text(json.dumps(result, indent=1) + "\n")
+    print(f"written to {options.json}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
