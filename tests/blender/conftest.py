@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,9 +30,5 @@ def empty_file(registered: None) -> None:
 
 
 @pytest.fixture
-def koala_path() -> Path:
-    root = Path(os.environ.get("STIPPLE_SHARED", Path(__file__).parents[3] / "shared"))
-    path = root / "data" / "real" / "koala.ply"
-    if not path.exists():
-        pytest.skip("the real captures are not here")
-    return path
+def koala_path(shared_data: Path) -> Path:
+    return shared_data / "real" / "koala.ply"
