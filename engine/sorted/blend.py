@@ -4,8 +4,9 @@
 The body is C++ on clang's 16-wide vector types, because Warp compiles a scalar kernel for the CPU and a scalar kernel
 blends some 130 M pixel-splats per second and core where this reaches several hundred million (docs/performance.md).
 
-α = min(alpha_max, opacity · exp(power)), skipped below alpha_min; a pixel stops when it lets less than 1e-4 through. Where we differ from INRIA: the fragment that crosses 1e-4 is still blended (there it is dropped, which can
-take 1 % of a pixel's light); the difference to no early stop at all is below 1e-4.
+α = min(alpha_max, opacity · exp(power)), skipped below alpha_min; a pixel stops when it lets less than 1e-4 through.
+Where we differ from INRIA: the fragment that crosses 1e-4 is still blended (there it is dropped, which can take 1 % of
+a pixel's light); the difference to no early stop at all is below 1e-4.
 """
 
 from __future__ import annotations
