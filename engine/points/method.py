@@ -60,7 +60,8 @@ class PointsFrame:
     def _throw(self, sample: int, frame: wp.array, checkpoint: Callable[[], None]) -> None:
         settings, buffers, timer, staging = self._settings, self._buffers, self._timer, self._staging
         keys = [stream_key(settings.seed, sample, instance) for instance in range(self._instance_count)]
-        stream = wp.array(np.array(keys, np.uint32), dtype=wp.uint32, device=buffers.device)
+        stream = buffers.array("stream", wp.uint32, self._instance_count)
+        stream.assign(np.array(keys, np.uint32))
         s, k = settings.supersampling, settings.points_per_thread
         with timer.stage("counts"):
             drawn = draw_counts(staging, self._view, self._rates, stream, s, k, self._batch, buffers)
