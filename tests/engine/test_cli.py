@@ -248,7 +248,10 @@ def test_interrupting_ends_with_130_and_leaves_whole_files(capture: Path, tmp_pa
     """Ctrl-C after the first of very many pictures."""
     command = [sys.executable, "-m", "stipple.engine.cli", "render", str(capture), *QUICK]
     command += ["--out", str(tmp_path / "####.npy"), "--orbit", "3000", "--samples", "2"]
+    # A shell that started this test in the background has SIGINT ignored, and the child would inherit that.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     assert process.stdout is not None
     first = process.stdout.readline()
     process.send_signal(signal.SIGINT)
