@@ -21,7 +21,10 @@ wp.set_module_options({"enable_backward": False})
 
 @dataclass
 class RenderStats:
-    """What a render did. `points` and `blends` count over all samples; a method leaves the other's at 0."""
+    """What a render did. `points` and `blends` count over all samples; a method leaves the other's at 0.
+
+    Stage times are wall seconds, and core seconds of the whole process (meaningless on CUDA); see `timing`.
+    """
 
     seconds: float = 0.0
     peak_bytes: int = 0
@@ -30,6 +33,7 @@ class RenderStats:
     blends: int = 0
     warnings: tuple[str, ...] = ()
     stage_seconds: dict[str, float] = field(default_factory=dict)
+    stage_core_seconds: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,5 +146,6 @@ class Frame:
         stats.points, stats.blends = self.method.points, self.method.blends
         stats.warnings = self.method.warnings
         stats.stage_seconds = dict(self.timer.seconds)
+        stats.stage_core_seconds = dict(self.timer.core_seconds)
         stats.seconds = time.perf_counter() - self._begin
         return picture

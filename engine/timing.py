@@ -11,7 +11,7 @@ import warp as wp
 
 
 class StageTimer:
-    """Sums wall seconds per stage.
+    """Sums wall seconds and the process's core seconds per stage.
 
     With `synchronise` every stage waits for the device, which makes CUDA times true and the whole frame slower;
     without, CUDA stages only show what launching them cost. On a CPU both are the same.
@@ -20,11 +20,13 @@ class StageTimer:
     def __init__(self, device: wp.Device, synchronise: bool = False) -> None:
         self._device, self._synchronise = device, synchronise
         self.seconds: dict[str, float] = {}
+        self.core_seconds: dict[str, float] = {}  # over all threads; other work on the machine does not lengthen them
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
+        begin, begin_core = time.perf_counter(), time.process_time()
         yield
         if self._synchronise:
             wp.synchronize_device(self._device)
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+        self.core_seconds[name] = self.core_seconds.get(name, 0.0) + time.process_time() - begin_core

@@ -2,8 +2,8 @@
 """Measure the renderer's stages at 1920×1080: a table on the terminal, JSON in a file. `scripts/bench` runs it.
 
 Needs Warp, NumPy and plyfile only. Every stage waits for the device, so a stage's time is its own. Medians are over
-`--repeats` frames after one that compiles and warms up. On a CPU, a rate "per core" is the rate of the stage divided by
-the threads that ran it.
+`--repeats` frames after one that compiles and warms up. On a CPU, a rate "per core" is work per core second of the
+stage (the threads' processor time added up), which other work on the machine hardly changes.
 
     scripts/bench --device cpu --json bench.json
     scripts/bench --preset sample --method points --supersampling 2 --threads 1
@@ -78,7 +78,7 @@ def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Set
     stage = RATE_STAGES[settings.method]
     work = frames[0].points or frames[0].blends
     rates = sorted(work / stats.stage_seconds[stage] for stats in frames)
-    threads = 1 if renderer.device.is_cuda else engine_device.thread_count()
+    core_rates = [work / stats.stage_core_seconds[stage] for stats in frames]
     totals = sorted(1e3 * stats.seconds for stats in frames)
     return {
         "splats": cloud.splat_count,
@@ -92,7 +92,7 @@ def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Set
         },
         "points" if settings.method == "points" else "blends": work,
         "rate_per_second": statistics.median(rates),
-        "rate_per_second_and_core": statistics.median(rates) / threads,
+        "rate_per_core_second": None if renderer.device.is_cuda else statistics.median(core_rates),
         "buffer_bytes": frames[0].peak_bytes,
     }
 
@@ -120,9 +120,10 @@ def processor_name() -> str:
 def print_row(preset: str, method: str, row: dict[str, Any]) -> None:
     unit = "points" if method == "points" else "blends"
     stages = "  ".join(f"{name} {ms:.1f}" for name, ms in row["stages_ms"].items())
+    per_core = row["rate_per_core_second"]
     print(
         f"{preset:14} {method:7} {row['frame_ms']:8.1f} ms  {row[unit] / 1e6:8.1f} M {unit}  "
-        f"{row['rate_per_second'] / 1e6:7.0f} M/s  {row['rate_per_second_and_core'] / 1e6:7.0f} M/s per core\n"
+        f"{row['rate_per_second'] / 1e6:7.0f} M/s{f'  {per_core / 1e6:7.0f} M/s per core' if per_core else ''}\n"
         f"{'':22} {stages}"
     )
 

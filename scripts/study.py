@@ -31,7 +31,10 @@ BACKGROUND = (0.5, 0.5, 0.5)
 
 @dataclass(frozen=True)
 class Row:
-    """Quality after some samples against sorted at the pixels' centres (the paper's reference) and over their areas."""
+    """Quality after some samples against sorted at the pixels' centres (the paper's reference) and over their areas.
+
+    `seconds` are wall seconds on CUDA and core seconds on a CPU, which other work on the machine does not lengthen.
+    """
 
     samples: int
     seconds: float
@@ -50,13 +53,14 @@ def quality(picture: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
 
 def study(renderer: Renderer, scene: Scene, camera: Camera, points_per_thread: int) -> list[Row]:
     centre, area = (renderer.render(scene, camera, Settings(method="sorted", supersampling=s)).rgba for s in (1, 4))
+    clock = time.perf_counter if renderer.device.is_cuda else time.process_time
     frame = Frame(renderer, scene, camera, Settings(samples=SAMPLES[-1], points_per_thread=points_per_thread))
     rows = []
     seconds = 0.0
     for sample in range(SAMPLES[-1]):
-        begin = time.perf_counter()
+        begin = clock()
         frame.render_sample(sample)
-        seconds += time.perf_counter() - begin
+        seconds += clock() - begin
         if sample + 1 in SAMPLES:
             rgba = frame.resolve().rgba
             rows.append(Row(sample + 1, seconds, *quality(rgba, centre), *quality(rgba, area)))

@@ -150,6 +150,18 @@ def test_antialiased_takes_opacity_for_dilation(renderer: Renderer) -> None:
     assert renderer.render(scene, camera, SORTED).rgba.sum() > 5 * wanted.sum()
 
 
+def test_small_splats_are_left_out_on_request_only(renderer: Renderer) -> None:
+    """The limit is on the larger radius of the support: 3.33 σ at full opacity."""
+    cloud = cloud_of([(-0.8, 0, 4), (0.8, 0, 4)], [0.5 * 4 / FOCAL_PX, 3.0 * 4 / FOCAL_PX], 1.0, RED)
+    whole, large = (
+        renderer.render(scene_of(cloud), front_camera(), Settings(method="sorted", small_splat_px=limit)).rgba
+        for limit in (0.0, 5.0)
+    )
+    left, right = np.s_[:, : FRAME[0] // 2 - 5], np.s_[:, FRAME[0] // 2 + 5 :]
+    assert whole[left].any() and not large[left].any()
+    assert np.array_equal(whole[right], large[right])
+
+
 def test_nothing_in_view_is_the_background(renderer: Renderer) -> None:
     behind = scene_of(wide_splat(0.9, RED, depth=-4.0), background=(0.25, 0.5, 1.0))
     for scene in (behind, Scene((), (0.25, 0.5, 1.0))):
