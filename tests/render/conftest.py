@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""A renderer for every device."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
