@@ -11,9 +11,9 @@ import atexit
 import bpy
 
 from . import properties, render_engine, residency, ui
-from .operators import import_splats
+from .operators import apply_transform, import_splats
 
-PARTS = (properties, residency, import_splats, render_engine, ui)  # in order; undone in reverse
+PARTS = (properties, residency, import_splats, apply_transform, render_engine, ui)  # in order; undone in reverse
 
 
 def register() -> None:

@@ -60,20 +60,25 @@ def datablock_from_cloud(cloud: SplatCloud, name: str) -> Any:
     """A new PointCloud or Mesh that holds the cloud; no object uses it yet. Leaves nothing behind if it fails."""
     b_data = _new_points(name, cloud.splat_count)
     try:
-        write_attribute(b_data, "position", "FLOAT_VECTOR", cloud.position)
-        write_attribute(b_data, "scale", "FLOAT_VECTOR", cloud.scale)
-        write_attribute(b_data, "rotation", "QUATERNION", cloud.rotation)
-        base = np.concatenate([cloud.sh_dc, cloud.opacity[:, None]], axis=1)
-        write_attribute(b_data, BASE, _base_type(), base)
-        for index in range(cloud.sh_rest.shape[1]):
-            write_attribute(b_data, f"{SH_PREFIX}{index}", "FLOAT_VECTOR", cloud.sh_rest[:, index])
-        if isinstance(b_data, bpy.types.PointCloud):
-            write_attribute(b_data, "radius", "FLOAT", _display_radius(cloud))
-        b_data.update_tag()
+        write_cloud(b_data, cloud)
     except BaseException:
         bpy.data.batch_remove([b_data])
         raise
     return b_data
+
+
+def write_cloud(b_data: Any, cloud: SplatCloud) -> None:
+    """Writes every attribute of the cloud to a datablock of as many points; other attributes stay as they are."""
+    write_attribute(b_data, "position", "FLOAT_VECTOR", cloud.position)
+    write_attribute(b_data, "scale", "FLOAT_VECTOR", cloud.scale)
+    write_attribute(b_data, "rotation", "QUATERNION", cloud.rotation)
+    base = np.concatenate([cloud.sh_dc, cloud.opacity[:, None]], axis=1)
+    write_attribute(b_data, BASE, _base_type(), base)
+    for index in range(cloud.sh_rest.shape[1]):
+        write_attribute(b_data, f"{SH_PREFIX}{index}", "FLOAT_VECTOR", cloud.sh_rest[:, index])
+    if isinstance(b_data, bpy.types.PointCloud):
+        write_attribute(b_data, "radius", "FLOAT", _display_radius(cloud))
+    b_data.update_tag()
 
 
 def cloud_from_datablock(b_data: Any, name: str) -> tuple[SplatCloud | None, int]:
@@ -130,7 +135,7 @@ def _base_type() -> str:
 def write_attribute(b_data: Any, attribute: str, data_type: str, values: FloatArray) -> None:
     if attribute not in b_data.attributes:
         b_data.attributes.new(attribute, data_type, "POINT")
-    element, _ = ELEMENTS[data_type]
+    element, _ = ELEMENTS[b_data.attributes[attribute].data_type]
     b_data.attributes[attribute].data.foreach_set(element, np.ascontiguousarray(values, np.float32).reshape(-1))
 
 

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Object > Apply > Splat Transform: bake the object's transform into its splats without changing how they look."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty
+from mathutils import Matrix
+
+from ...engine.edit.transform import transform_cloud
+from ...engine.errors import StippleError
+from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, write_cloud
+
+
+class OBJECT_OT_stipple_apply_transform(bpy.types.Operator):
+    """Apply the object's rotation and scale to its splats, shapes and view-dependent color included"""
+
+    bl_idname = "object.stipple_apply_transform"
+    bl_label = "Apply Splat Transform"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
+
+    location: BoolProperty(  # type: ignore[valid-type]
+        name="Location", description="Also move the splats, and the object to the origin", default=True
+    )
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        if context.mode != "OBJECT" or not any(map(_is_capture_object, context.selected_objects)):
+            cls.poll_message_set("Select a capture in Object Mode")
+            return False
+        return True
+
+    def execute(self, context: Any) -> set[str]:
+        """All selected captures or none: the new splats are made before the first old one is replaced."""
+        b_objects = [b_object for b_object in context.selected_objects if _is_capture_object(b_object)]
+        try:
+            baked = [(b_object, *_bake(b_object, self.location)) for b_object in b_objects]
+        except StippleError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for b_object, applied, cloud in baked:
+            write_cloud(b_object.data, cloud)
+            _clear_transform(b_object, applied)
+        return {"FINISHED"}
+
+
+def _is_capture_object(b_object: Any) -> bool:
+    return b_object.type in POINT_TYPES and is_capture(b_object.data)
+
+
+def _bake(b_object: Any, with_location: bool) -> tuple[Matrix, Any]:
+    """The matrix that is baked and the cloud it makes; changes nothing. Raises StippleError for unsuitable data."""
+    if not b_object.data.is_editable:
+        raise StippleError(f"{b_object.name}: its data is linked from another file; make it local first.")
+    if b_object.data.users > 1:
+        users = b_object.data.users
+        raise StippleError(
+            f"{b_object.name}: its data has {users} users; use Object > Relations > Make Single User first."
+        )
+    applied = b_object.matrix_basis.copy()
+    if not with_location:
+        applied.translation = (0.0, 0.0, 0.0)
+    cloud, dropped = cloud_from_datablock(b_object.data, b_object.name)
+    if cloud is None or dropped:
+        raise StippleError(f"{b_object.name}: {dropped} splats have invalid values; delete them first.")
+    return applied, transform_cloud(cloud, np.array(applied)[:3])
+
+
+def _clear_transform(b_object: Any, applied: Matrix) -> None:
+    """Takes `applied` out of the object and leaves its children where they are."""
+    location = b_object.matrix_basis.translation - applied.translation
+    b_object.delta_location = (0.0, 0.0, 0.0)
+    b_object.delta_rotation_euler = (0.0, 0.0, 0.0)
+    b_object.delta_rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
+    b_object.delta_scale = (1.0, 1.0, 1.0)
+    b_object.matrix_basis = Matrix.Translation(location)
+    for b_child in b_object.children:
+        b_child.matrix_parent_inverse = applied @ b_child.matrix_parent_inverse
+
+
+def _draw_menu_entry(self: Any, context: Any) -> None:
+    self.layout.separator()
+    self.layout.operator(OBJECT_OT_stipple_apply_transform.bl_idname, text="Splat Transform")
+
+
+def register() -> None:
+    bpy.utils.register_class(OBJECT_OT_stipple_apply_transform)
+    bpy.types.VIEW3D_MT_object_apply.append(_draw_menu_entry)
+
+
+def unregister() -> None:
+    bpy.types.VIEW3D_MT_object_apply.remove(_draw_menu_entry)
+    bpy.utils.unregister_class(OBJECT_OT_stipple_apply_transform)
