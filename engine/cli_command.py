@@ -12,13 +12,14 @@ import click
 
 from .cli_types import background_of, camera_of, size_of
 from .orbit import UP_AXES
-from .settings import METHODS, Settings
+from .settings import METHODS, MULTISAMPLES, RAY_ORDERS, Settings
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 DEFAULTS = Settings()
 SETTING_NAMES = (
     "method", "samples", "supersampling", "seed", "device", "sh_degree", "antialiased", "points_per_thread",
+    "ray_order", "multisamples",
 )  # fmt: skip
 AT_LEAST_1 = click.IntRange(min=1)
 
@@ -42,9 +43,10 @@ VIEW_OPTIONS = (
            callback=size_of, metavar="WxH"),
 )  # fmt: skip
 SETTINGS_OPTIONS = (
-    option("--method", "Stochastic points, or the noise-free sorted reference.", type=click.Choice(METHODS),
-           default=DEFAULTS.method),
-    option("--samples", "Frames accumulated by points; sorted takes one.", type=AT_LEAST_1, default=DEFAULTS.samples),
+    option("--method", "Stochastic points, the noise-free sorted reference, or rays drawn by the graphics hardware.",
+           type=click.Choice(METHODS), default=DEFAULTS.method),
+    option("--samples", "Frames accumulated by points, and by rays in stochastic order.", type=AT_LEAST_1,
+           default=DEFAULTS.samples),
     option("--supersampling", "SxS subpixels per pixel.", type=AT_LEAST_1, default=DEFAULTS.supersampling,
            metavar="S"),
     option("--seed", "Equal seeds give equal pictures on one device.", type=click.IntRange(min=0),
@@ -55,6 +57,11 @@ SETTINGS_OPTIONS = (
     option("--antialiased", "For captures trained with Mip-Splatting's compensation.", is_flag=True),
     option("--points-per-thread", "Above 1: faster on a GPU, slightly biased.", type=AT_LEAST_1,
            default=DEFAULTS.points_per_thread, metavar="K"),
+    option("--ray-order", "Of rays: blended by depth, or per pixel and accumulated.", type=click.Choice(RAY_ORDERS),
+           default=DEFAULTS.ray_order),
+    option("--multisamples", "Of rays in sorted order: rays per pixel (MSAA).",
+           type=click.Choice(tuple(map(str, MULTISAMPLES))), callback=lambda _context, _option, value: int(value),
+           default=str(DEFAULTS.multisamples)),
 )  # fmt: skip
 OUTPUT_OPTIONS = (
     option("--out", "Picture to write: .png, .exr or .npy. #### or %04d in its name stands for a number.",

@@ -105,7 +105,11 @@ def summary(path: Path, picture: Picture, method: str) -> str:
     """One line: file, size, work, time, speed, memory."""
     height, width = picture.rgba.shape[:2]
     stats = picture.stats
-    unit, count = ("points", stats.points) if method == "points" else ("blends", stats.blends)
+    unit, count = {
+        "points": ("points", stats.points),
+        "sorted": ("blends", stats.blends),
+        "rays": ("splats", stats.splats_visible * picture.samples),
+    }[method]
     samples = f"{picture.samples} sample{'s' if picture.samples != 1 else ''}"
     rate = count / max(stats.seconds, 1e-9) / 1e6
     return (

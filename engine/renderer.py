@@ -2,9 +2,8 @@
 """The frame as a table of contents: scene and camera in, picture out.
 
 upload      clouds to the device, once each
-stage       project and colour what the camera sees
-method      points: rates │ sorted: order, tiles
-samples     points: clear, counts, distribute, splat, resolve │ sorted: blend      (repeated)
+method      points: stage, rates │ sorted: stage, order, tiles │ rays: textures, order
+samples     points: clear, counts, distribute, splat, resolve │ sorted: blend │ rays: draw      (repeated)
 resolve     film to picture
 """
 
@@ -22,13 +21,18 @@ from .camera import Camera
 from .device import choose_device, free_bytes
 from .errors import StippleError
 from .film import Film, Picture, RenderStats
-from .maths.projection import View, make_pose, make_view
+from .maths.projection import make_pose, make_view
 from .points.method import PointsFrame
+from .rays.host import RasterHost
+from .rays.method import RaysFrame
+from .rays.moderngl_device import ModernGLDevice
+from .rays.uploads import RasterScene
 from .scene import Scene
 from .settings import Settings
+from .shot import Shot
 from .sorted.method import SortedFrame
 from .splats import SplatCloud
-from .staging import DeviceCloud, Staging, stage_splats, upload_cloud
+from .staging import DeviceCloud, upload_cloud
 from .timing import StageTimer
 
 Progress = Callable[[float, str], None]
@@ -36,9 +40,10 @@ Progress = Callable[[float, str], None]
 
 
 class MethodFrame(Protocol):
-    """What a method makes of one camera's view of staged splats; `METHOD_FRAMES` holds the constructors."""
+    """What a method makes of a shot; `METHOD_FRAMES` holds the constructors."""
 
     sample_count: int
+    splats_visible: int
     points: int
     warnings: tuple[str, ...]
 
@@ -48,9 +53,10 @@ class MethodFrame(Protocol):
     def render_sample(self, sample: int, film: Film, checkpoint: Callable[[], None]) -> None: ...
 
 
-METHOD_FRAMES: dict[str, Callable[[Staging, View, Settings, int, Buffers, StageTimer], MethodFrame]] = {
+METHOD_FRAMES: dict[str, Callable[[Shot], MethodFrame]] = {
     "points": PointsFrame,
     "sorted": SortedFrame,
+    "rays": RaysFrame,
 }
 
 
@@ -61,10 +67,18 @@ class Renderer:
     scene. Not for several threads at once.
     """
 
-    def __init__(self, device: str = "auto", *, synchronise_stages: bool = False) -> None:
+    def __init__(
+        self,
+        device: str = "auto",
+        *,
+        synchronise_stages: bool = False,
+        raster_host: Callable[[], RasterHost] = ModernGLDevice,
+    ) -> None:
         self.device = choose_device(device)
         self.buffers = Buffers(self.device)
         self._synchronise_stages = synchronise_stages
+        self._raster_host = raster_host
+        self._raster: RasterScene | None = None
         self._clouds: dict[int, tuple[weakref.ref[SplatCloud], DeviceCloud]] = {}
 
     def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
@@ -94,8 +108,20 @@ class Renderer:
             )
         return upload_cloud(cloud, self.device)
 
+    def raster(self) -> RasterScene:
+        """The graphics context of *rays* and what it holds; made on first use.
+
+        It belongs to the thread that asks first. Raises StippleError where none can be had.
+        """
+        if self._raster is None:
+            self._raster = RasterScene(self._raster_host())
+        return self._raster
+
     def free(self) -> None:
         """Give all device memory back. The renderer can be used again."""
+        if self._raster is not None:
+            self._raster.host.release()
+            self._raster = None
         self._clouds.clear()
         self.buffers.free()
 
@@ -110,20 +136,16 @@ class Frame:
         self._scene, self._progress, self._renderer = scene, progress, renderer
         self._done = 0.0
         self.timer = StageTimer(renderer.device, renderer._synchronise_stages)
-        buffers = renderer.buffers
-        view = make_view(camera, settings)
+        buffers, view = renderer.buffers, make_view(camera, settings)
         _, _, width, height = camera.rendered_window
         self.checkpoint("loading")
         with self.timer.stage("upload"):
             clouds = renderer.device_clouds(scene)
-        with self.timer.stage("stage"):
-            poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
-            self.staging = stage_splats(clouds, poses, view, buffers)
+        poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
         self.checkpoint("sorting")
         self.film = Film(width, height, buffers)
-        self.method = METHOD_FRAMES[settings.method](
-            self.staging, view, settings, len(scene.instances), buffers, self.timer
-        )
+        shot = Shot(scene, camera, settings, view, clouds, poses, buffers, self.timer, renderer.raster)
+        self.method = METHOD_FRAMES[settings.method](shot)
         self.sample_count = self.method.sample_count
 
     def checkpoint(self, text: str = "rendering") -> None:
@@ -142,7 +164,7 @@ class Frame:
             picture = self.film.resolve(self._scene.background, RenderStats())
         stats = picture.stats
         stats.peak_bytes = self._renderer.buffers.peak_bytes
-        stats.splats_visible = self.staging.count
+        stats.splats_visible = self.method.splats_visible
         stats.points, stats.blends = self.method.points, self.method.blends
         stats.warnings = self.method.warnings
         stats.stage_seconds = dict(self.timer.seconds)

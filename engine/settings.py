@@ -7,15 +7,18 @@ from dataclasses import dataclass
 
 from .errors import StippleError
 
-METHODS = ("points", "sorted")
+METHODS = ("points", "sorted", "rays")
+RAY_ORDERS = ("sorted", "stochastic")
+MULTISAMPLES = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True)
 class Settings:
     """Render settings; the defaults give the picture a capture was trained for.
 
-    - `method`: "points" (stochastic, accumulates) or "sorted" (noise-free reference).
-    - `samples`: frames accumulated by points; sorted needs one and takes one.
+    - `method`: "points" (stochastic, accumulates), "sorted" (noise-free reference) or "rays" (exact per ray, drawn by
+      the graphics hardware).
+    - `samples`: frames accumulated by points and by rays in stochastic order; the others need one and take one.
     - `supersampling`: s, for s × s subpixels per pixel, box-filtered.
     - `seed`: of the random numbers; equal seeds give equal bits on one device.
     - `device`: "auto" (CUDA where there is one), "cpu" or "cuda:N".
@@ -27,6 +30,9 @@ class Settings:
     - `dilation_px2`: added to the screen-space covariance [px²]; 3DGS trains with 0.3.
     - `alpha_min`, `alpha_max`: a splat is skipped at a pixel below the first and clamped at the second; INRIA's
       trainer uses 1/255 and 0.99, gsplat 1/255 and 0.999.
+    - `ray_order`: of rays, "sorted" (blended by mean depth) or "stochastic" (per pixel, by where each ray meets a
+      splat; accumulates).
+    - `multisamples`: of rays in sorted order, rays per pixel in one draw (MSAA); not inside Blender.
     - `small_splat_px`: sorted skips splats whose larger radius is below this [px]; 0 skips none.
 
     Raises StippleError for a value outside its range.
@@ -45,10 +51,20 @@ class Settings:
     alpha_min: float = 1.0 / 255.0
     alpha_max: float = 0.99
     small_splat_px: float = 0.0
+    ray_order: str = "sorted"
+    multisamples: int = 1
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise StippleError(f"method is {self.method!r}; choose one of {', '.join(METHODS)}.")
+        if self.ray_order not in RAY_ORDERS:
+            raise StippleError(f"ray_order is {self.ray_order!r}; choose one of {', '.join(RAY_ORDERS)}.")
+        if self.multisamples not in MULTISAMPLES:
+            raise StippleError(f"multisamples is {self.multisamples}; choose one of {MULTISAMPLES}.")
+        if self.multisamples > 1 and self.ray_order == "stochastic":
+            raise StippleError(
+                "multisamples do not go with stochastic ray_order; use samples or supersampling instead."
+            )
         ranges = {
             "samples": (1, 1 << 24),
             "supersampling": (1, 16),

@@ -10,11 +10,8 @@ import warp as wp
 
 from ..buffers import Buffers
 from ..film import Film
-from ..maths.projection import View
 from ..maths.random import stream_key
-from ..settings import Settings
-from ..staging import Staging
-from ..timing import StageTimer
+from ..shot import Shot
 from .counts import draw_counts
 from .distribute import distribute, distribute_pass
 from .rates import find_rates
@@ -27,18 +24,18 @@ BATCHES_PER_LAUNCH = 1 << 19  # some 8 M points: a quarter of a second on two co
 class PointsFrame:
     """Renders samples of one camera's view of staged splats."""
 
-    def __init__(
-        self, staging: Staging, view: View, settings: Settings, instance_count: int, buffers: Buffers, timer: StageTimer
-    ) -> None:
+    def __init__(self, shot: Shot) -> None:
+        settings, buffers = shot.settings, shot.buffers
         self.sample_count = settings.samples
         self.points = 0
         self.warnings: tuple[str, ...] = ()
-        self._staging, self._view, self._settings = staging, view, settings
-        self._instance_count, self._buffers, self._timer = instance_count, buffers, timer
+        self._staging, self._view, self._settings = shot.stage(), shot.view, settings
+        self.splats_visible = self._staging.count
+        self._instance_count, self._buffers, self._timer = len(shot.clouds), buffers, shot.timer
         # On a CPU a batch is a register of lanes; counts were already rounded to multiples of K.
         self._batch = settings.points_per_thread if buffers.device.is_cuda else BATCH_CPU
-        with timer.stage("rates"):
-            self._rates = find_rates(staging, view, settings.supersampling, buffers)
+        with shot.timer.stage("rates"):
+            self._rates = find_rates(self._staging, self._view, settings.supersampling, buffers)
 
     @property
     def blends(self) -> int:

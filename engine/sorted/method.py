@@ -7,12 +7,8 @@ from collections.abc import Callable
 
 import warp as wp
 
-from ..buffers import Buffers
 from ..film import Film
-from ..maths.projection import View
-from ..settings import Settings
-from ..staging import Staging
-from ..timing import StageTimer
+from ..shot import Shot
 from .blend import blend_counter_count, blend_tiles
 from .order import sort_by_depth
 from .sampling import Sampling
@@ -27,17 +23,18 @@ class SortedFrame:
     Supersampling s needs s × s samples at the subpixels' centres, which makes the box filter in the film.
     """
 
-    def __init__(
-        self, staging: Staging, view: View, settings: Settings, instance_count: int, buffers: Buffers, timer: StageTimer
-    ) -> None:
-        self._subpixels = settings.supersampling
+    def __init__(self, shot: Shot) -> None:
+        view, buffers = shot.view, shot.buffers
+        self._subpixels = shot.settings.supersampling
         self.sample_count = self._subpixels**2
         self.points = 0
         self.warnings: tuple[str, ...] = ()
-        self._view, self._timer, self._device = view, timer, buffers.device
-        with timer.stage("order"):
-            self._ordered = sort_by_depth(staging, view, settings.small_splat_px, buffers)
-        with timer.stage("tiles"):
+        self._view, self._timer = view, shot.timer
+        staging = shot.stage()
+        self.splats_visible = staging.count
+        with shot.timer.stage("order"):
+            self._ordered = sort_by_depth(staging, view, shot.settings.small_splat_px, buffers)
+        with shot.timer.stage("tiles"):
             self._tiles = cut_into_tiles(self._ordered, staging.count, view, buffers)
         self._blends = buffers.array("blends", wp.int64, blend_counter_count(self._tiles, buffers.device))
         self._blends.zero_()

@@ -122,7 +122,7 @@ USAGE_ERRORS = {
     "no file": ["render", "--out", "a.png"],
     "no output": ["render", "a.ply"],
     "unknown option": ["render", "a.ply", "--out", "a.png", "--shiny"],
-    "method": ["render", "a.ply", "--out", "a.png", "--method", "rays"],
+    "method": ["render", "a.ply", "--out", "a.png", "--method", "wings"],
     "size": ["render", "a.ply", "--out", "a.png", "--size", "big"],
     "empty size": ["render", "a.ply", "--out", "a.png", "--size", "0x5"],
     "colour": ["render", "a.ply", "--out", "a.png", "--background", "white"],

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//
+// Opacity of one splat on one pixel's ray (RayGS, section 4.2). Sorted: blended over what is farther. Stochastic:
+// kept with the probability of its opacity, and then opaque.
+
+void main() {
+  float z2 = dot(quad_point.xy, quad_point.xy);
+  float tau = 1.0 / (1.0 + z2 * inverse_c2); // of a point on the quad: 1 - D_ray / c^2
+  float D_ray = z2 * tau;                    // Eq. 16, multiplied out so that z = 0 divides nothing
+  float omega = radiance.w * exp(-0.5 * D_ray); // Eq. 2
+  if (!(omega >= cut.x)) { // outside the support (Eq. 3); a NaN is outside
+    discard;
+  }
+  omega = min(omega, cut.y);
+  float depth = quad_point.z * tau; // of the point of maximum density
+#ifdef STOCHASTIC
+  uvec2 pixel = uvec2(gl_FragCoord.xy + window.xy);
+  if (uniform_number(uvec3(pixel.x | (pixel.y << 16u), random_key)) > omega) {
+    discard;
+  }
+  omega = 1.0;
+  // 64 octaves of depth, each with the same share of the depth buffer.
+  gl_FragDepth = clamp((log2(max(depth, 1e-30)) + 32.0) / 64.0, 0.0, 1.0);
+#endif
+  out_colour = vec4(radiance.xyz * omega, omega);
+  out_depth = vec4(depth * omega, 0.0, 0.0, omega);
+}

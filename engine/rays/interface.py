@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the shaders read, hand on and write: declared once, for every host.
+
+`header` writes the declarations for a host that compiles plain GLSL (moderngl); `create_info_calls` lists the same
+declarations as the calls that Blender's `GPUShaderCreateInfo` and `GPUStageInterfaceInfo` take. The shader sources
+hold no declaration of their own. Only what both hosts have is used: float textures read by `texelFetch`, no storage
+buffers, 32-bit constants of at most 128 bytes together (what Vulkan guarantees for push constants).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+GLSL_VERSION = "#version 400 core"  # 400 for per-sample interpolation
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An RGBA32F texture; `slot` is its unit on every host."""
+
+    name: str
+    slot: int
+
+
+@dataclass(frozen=True)
+class Value:
+    """A constant, attribute, varying or output; `location` where the host numbers it."""
+
+    name: str
+    glsl_type: str
+    location: int = 0
+
+
+SPLATS = Texture("splats", 0)
+"""Records of all clouds, one after the other; see `texels.pack_cloud`."""
+INSTANCES = Texture("instances", 1)
+"""`texels.INSTANCE_TEXELS` texels per instance; see `texels.pack_instances`."""
+ORDER = Texture("draw_order", 2)
+"""One texel per drawn splat, farthest first; see `texels.pack_order`."""
+TEXTURES = (SPLATS, INSTANCES, ORDER)
+
+CONSTANTS = (
+    Value("lens", "vec4"),  # fx, fy [px], principal point in the window, shifted by the sample's place [px]
+    Value("window", "vec4"),  # x, y, width, height [px]
+    Value("cut", "vec4"),  # p_min, largest opacity, variance of the filter [px²], 1 to modulate opacity (Eq. 17)
+    Value("modes", "ivec4"),  # 1 for an orthographic camera, highest SH band, stream of random numbers, 0
+)
+
+ATTRIBUTES = (Value("corner", "vec2", 0),)  # a column of the canonical quad O
+
+SMOOTH = (Value("quad_point", "vec3"),)  # Z_ray α; depth of the quad along z [world units]
+FLAT = (
+    Value("radiance", "vec4"),  # colour as trained, prior opacity o
+    Value("inverse_c2", "float"),  # c⁻², 0 for an orthographic camera
+    Value("random_key", "uvec2"),  # of the splat, of the instance and sample
+)
+
+OUTPUTS = (
+    Value("out_colour", "vec4", 0),  # premultiplied
+    Value("out_depth", "vec4", 1),  # depth times opacity [world units], 0, 0, opacity
+)
+
+
+def source(stage: str) -> str:
+    """The GLSL of a stage ("vertex" or "fragment") without declarations, the shared functions first."""
+    folder = Path(__file__).parent
+    names = {"vertex": ("raygs", "harmonics", "vertex"), "fragment": ("random", "fragment")}[stage]
+    return "\n".join((folder / f"{name}.glsl").read_text(encoding="utf-8") for name in names)
+
+
+def header(stage: str, *, stochastic: bool, per_sample: bool) -> str:
+    """Declarations of a stage for a plain GLSL compiler."""
+    lines = [GLSL_VERSION]
+    if stochastic:
+        lines.append("#define STOCHASTIC")
+    lines += [f"uniform {value.glsl_type} {value.name};" for value in CONSTANTS]
+    if stage == "vertex":
+        lines += [f"uniform sampler2D {texture.name};" for texture in TEXTURES]
+        lines += [f"layout(location = {value.location}) in {value.glsl_type} {value.name};" for value in ATTRIBUTES]
+    direction = "out" if stage == "vertex" else "in"
+    smooth = "sample" if per_sample else "smooth"
+    lines += [f"{smooth} {direction} {value.glsl_type} {value.name};" for value in SMOOTH]
+    lines += [f"flat {direction} {value.glsl_type} {value.name};" for value in FLAT]
+    if stage == "fragment":
+        lines += [f"layout(location = {value.location}) out {value.glsl_type} {value.name};" for value in OUTPUTS]
+    return "\n".join(lines) + "\n"
+
+
+def complete_source(stage: str, *, stochastic: bool, per_sample: bool) -> str:
+    """Header and source of a stage, ready to compile."""
+    return header(stage, stochastic=stochastic, per_sample=per_sample) + source(stage)
+
+
+def create_info_calls(*, stochastic: bool) -> tuple[list[tuple], list[tuple]]:
+    """(method, arguments …) to call on a GPUShaderCreateInfo and on its GPUStageInterfaceInfo.
+
+    The caller adds `vertex_out(interface)` and both sources, which are `source("vertex")` and `source("fragment")`.
+    """
+    info: list[tuple] = [("push_constant", value.glsl_type.upper(), value.name) for value in CONSTANTS]
+    info += [("sampler", texture.slot, "FLOAT_2D", texture.name) for texture in TEXTURES]
+    info += [("vertex_in", value.location, value.glsl_type.upper(), value.name) for value in ATTRIBUTES]
+    info += [("fragment_out", value.location, value.glsl_type.upper(), value.name) for value in OUTPUTS]
+    if stochastic:
+        info += [("define", "STOCHASTIC"), ("depth_write", "ANY")]
+    stage: list[tuple] = [("smooth", value.glsl_type.upper(), value.name) for value in SMOOTH]
+    stage += [("flat", value.glsl_type.upper(), value.name) for value in FLAT]
+    return info, stage

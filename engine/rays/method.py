@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A frame of *rays*, stage by stage: textures, order, draw, film.
+
+Of `Settings`, `dilation_px2` is the pixel filter's variance (§5; 0 for plain RayGS) and `antialiased` its opacity
+modulation (Eq. 17). Captures trained by 3DGS want 0.3 without, Mip-Splatting's want 0.1 with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+
+from ..device import launch
+from ..film import Film, FilmSums
+from ..maths.projection import make_view
+from ..maths.random import stream_key
+from ..shot import Shot
+from ..splats import MAX_SH_DEGREE
+from .host import Draw, FloatArray
+from .interface import ORDER
+from .order import find_order
+from .texels import as_rectangle, pack_order
+
+wp.set_module_options({"enable_backward": False})
+
+LEAST_ALPHA_MIN = 1e-6  # of p_min, which must not be 0: every support would be everywhere
+
+
+@wp.kernel
+def add_to_film_kernel(
+    first: wp.int32, colour: wp.array(dtype=wp.vec4), depth: wp.array(dtype=wp.float32), sums: FilmSums
+) -> None:
+    i = first + wp.tid()
+    sums.colour[i] = sums.colour[i] + wp.vec4d(colour[i])
+    sums.depth[i] = sums.depth[i] + wp.float64(depth[i])
+
+
+def add_to_film(colour: FloatArray, depth: FloatArray, film: Film) -> None:
+    """Add one sample: premultiplied colour (H, W, 4), depth times coverage (H, W)."""
+    device = film.device
+    arrays = [
+        wp.from_numpy(np.ascontiguousarray(colour.reshape(-1, 4)), dtype=wp.vec4, device=device),
+        wp.from_numpy(np.ascontiguousarray(depth.ravel()), dtype=wp.float32, device=device),
+    ]
+    launch(add_to_film_kernel, depth.size, [*arrays, film.sums], device)
+    film.samples += 1
+
+
+class RaysFrame:
+    """One camera's view of a scene.
+
+    Sorted order takes one sample per subpixel, stochastic `samples` of each. Does not count blends: the graphics
+    hardware does not tell.
+    """
+
+    def __init__(self, shot: Shot) -> None:
+        settings, raster = shot.settings, shot.raster()
+        self._host, self._camera, self._settings, self._timer = raster.host, shot.camera, settings, shot.timer
+        self._stochastic = settings.ray_order == "stochastic"
+        self.sample_count = settings.supersampling**2 * (settings.samples if self._stochastic else 1)
+        self.points, self.blends = 0, 0
+        self.warnings: tuple[str, ...] = ()
+        self._p_min = max(settings.alpha_min, LEAST_ALPHA_MIN)
+        with shot.timer.stage("textures"):
+            raster.upload(shot.scene, shot.camera)
+        with shot.timer.stage("order"):
+            view = make_view(shot.camera, settings)
+            view.alpha_min = self._p_min
+            order = find_order(shot.clouds, shot.poses, view, shot.camera, not self._stochastic, shot.buffers)
+            self.splats_visible = len(order[0])
+            largest = self._host.largest_texture
+            self._host.upload(ORDER, as_rectangle(pack_order(*order), largest, largest, "the splats in view"))
+
+    def render_sample(self, sample: int, film: Film, checkpoint: Callable[[], None]) -> None:
+        """Add sample number `sample` to the film: subpixel number `sample` modulo s² of every pixel."""
+        checkpoint()
+        with self._timer.stage("draw"):
+            colour, depth = self._host.draw(self._draw(sample))
+        with self._timer.stage("film"):
+            add_to_film(colour, depth, film)
+
+    def _draw(self, sample: int) -> Draw:
+        camera, settings, s = self._camera, self._settings, self._settings.supersampling
+        x, y, width, height = camera.rendered_window
+        # A subpixel is seen at its pixel's centre when everything moves the other way.
+        shift = (0.5 - (sample % s + 0.5) / s, 0.5 - (sample // s % s + 0.5) / s)
+        degree = MAX_SH_DEGREE if settings.sh_degree is None else settings.sh_degree
+        stream = stream_key(settings.seed, sample, 0) & 0x7FFFFFFF
+        return Draw(
+            width=width,
+            height=height,
+            instance_count=self.splats_visible,
+            constants={
+                "lens": (camera.fx, camera.fy, camera.cx - x + shift[0], camera.cy - y + shift[1]),
+                "window": (x, y, width, height),
+                "cut": (self._p_min, settings.alpha_max, settings.dilation_px2, float(settings.antialiased)),
+                "modes": (int(camera.projection == "orthographic"), degree, stream, 0),
+            },
+            stochastic=self._stochastic,
+            multisamples=settings.multisamples,
+        )

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clouds, instances and the order of drawing as RGBA32F texels, the one kind of array every host can read.
+
+A float holds whole numbers exactly up to 2²⁴ only, so larger ones travel as (high, low) with low below 2¹⁶.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera import Camera
+from ..errors import StippleError
+from ..scene import Scene
+from ..splats import SH_REST_COUNT, SplatCloud
+
+FloatArray = npt.NDArray[np.float32]
+
+SPLAT_HEAD_TEXELS = 4  # position and opacity; rotation; scale; band 0
+INSTANCE_TEXELS = 5
+
+
+def texels_per_splat(sh_degree: int) -> int:
+    """4, 7, 10, 16 or 22 for degrees 0 to 4."""
+    return SPLAT_HEAD_TEXELS + 3 * -(-SH_REST_COUNT[sh_degree] // 4)
+
+
+def pack_cloud(cloud: SplatCloud) -> FloatArray:
+    """(N, texels_per_splat, 4): position and opacity; rotation; scale; band 0; then coefficients of the higher bands.
+
+    Those go four at a time: a texel with the four red values, one with green, one with blue.
+    """
+    n, rest_count = cloud.splat_count, cloud.sh_rest.shape[1]
+    records = np.zeros((n, texels_per_splat(cloud.sh_degree), 4), np.float32)
+    records[:, 0, :3] = cloud.position
+    records[:, 0, 3] = cloud.opacity
+    records[:, 1] = cloud.rotation
+    records[:, 2, :3] = cloud.scale
+    records[:, 3, :3] = cloud.sh_dc
+    for first in range(0, rest_count, 4):
+        group = cloud.sh_rest[:, first : first + 4]  # (n, up to 4, 3)
+        texel = SPLAT_HEAD_TEXELS + first // 4 * 3
+        records[:, texel : texel + 3, : group.shape[1]] = np.swapaxes(group, 1, 2)
+    return records
+
+
+def pack_instances(scene: Scene, camera: Camera) -> tuple[FloatArray, list[SplatCloud]]:
+    """(I, 5, 4) and the distinct clouds in the order in which their records must follow each other.
+
+    Per instance: the rows of camera_from_object; the eye in object space (orthographic: the forward direction) and
+    the cloud's SH degree; the cloud's first texel (high, low) and texels per splat. Composed in float64.
+    """
+    clouds = list({id(instance.cloud): instance.cloud for instance in scene.instances}.values())
+    sizes = [cloud.splat_count * texels_per_splat(cloud.sh_degree) for cloud in clouds]
+    first_texel = {id(cloud): sum(sizes[:k]) for k, cloud in enumerate(clouds)}
+    texels = np.zeros((len(scene.instances), INSTANCE_TEXELS, 4), np.float32)
+    rotation, shift = camera.camera_from_world[:, :3], camera.camera_from_world[:, 3]
+    for row, instance in zip(texels, scene.instances, strict=True):
+        to_world = np.asarray(instance.world_from_object, np.float64)
+        linear, translation = rotation @ to_world[:, :3], rotation @ to_world[:, 3] + shift
+        inverse = np.linalg.pinv(linear)  # a flattened object still renders
+        forward = inverse[:, 2] / max(float(np.linalg.norm(inverse[:, 2])), 1e-30)
+        row[:3, :3], row[:3, 3] = linear, translation
+        row[3, :3] = forward if camera.projection == "orthographic" else -inverse @ translation
+        row[3, 3] = instance.cloud.sh_degree
+        row[4, :2] = divmod(first_texel[id(instance.cloud)], 1 << 16)
+        row[4, 2] = texels_per_splat(instance.cloud.sh_degree)
+    return texels, clouds
+
+
+def pack_order(splat: npt.NDArray[np.integer], instance: npt.NDArray[np.integer]) -> FloatArray:
+    """(N, 4): splat (high, low), instance, 0."""
+    texels = np.zeros((len(splat), 4), np.float32)
+    texels[:, 0], texels[:, 1] = np.divmod(splat, 1 << 16)
+    texels[:, 2] = instance
+    return texels
+
+
+def as_rectangle(texels: FloatArray, width: int, largest_height: int, what: str) -> FloatArray:
+    """(H, W, 4) with the texels row by row, W <= `width`; the end of the last row is zero.
+
+    Raises StippleError where more rows would be needed than a texture has.
+    """
+    flat = texels.reshape(-1, 4)
+    width = max(1, min(width, len(flat)))
+    height = max(1, -(-len(flat) // width))
+    if height > largest_height:
+        raise StippleError(
+            f"rays: {what} take {len(flat)} texels and this graphics device's largest texture has "
+            f"{width * largest_height}; lower the SH degree of the captures, show fewer, or choose the sorted method."
+        )
+    if width * height == len(flat):
+        return flat.reshape(height, width, 4)
+    padded = np.zeros((height * width, 4), np.float32)
+    padded[: len(flat)] = flat
+    return padded.reshape(height, width, 4)
