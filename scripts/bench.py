@@ -26,6 +26,7 @@ import warp as wp
 
 from stipple.engine import device as engine_device
 from stipple.engine.camera import Camera, look_at
+from stipple.engine.errors import StippleError
 from stipple.engine.formats import read_splats
 from stipple.engine.formats.cameras_file import read_cameras
 from stipple.engine.renderer import Renderer
@@ -37,7 +38,8 @@ from stipple.scripts.sample_capture import build_sample
 ROOT = Path(__file__).resolve().parent.parent
 REAL = ROOT.parent / "shared" / "data" / "real"
 SIZE = (1920, 1080)
-RATE_STAGES = {"points": "splat", "sorted": "blend"}
+# The stage whose speed is quoted, and what it works on.
+RATES = {"points": ("splat", "points"), "sorted": ("blend", "blends"), "rays": ("draw", "quads")}
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Set
     scene = Scene((Instance(cloud),))
     renderer.render(scene, camera, settings)
     frames = [renderer.render(scene, camera, settings).stats for _ in range(repeats)]
-    stage = RATE_STAGES[settings.method]
-    work = frames[0].points or frames[0].blends
+    stage, unit = RATES[settings.method]
+    work = {"points": frames[0].points, "blends": frames[0].blends, "quads": frames[0].splats_visible}[unit]
     rates = sorted(work / stats.stage_seconds[stage] for stats in frames)
     core_rates = [work / stats.stage_core_seconds[stage] for stats in frames]
     totals = sorted(1e3 * stats.seconds for stats in frames)
@@ -90,7 +92,7 @@ def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Set
             name: statistics.median(1e3 * stats.stage_seconds[name] for stats in frames)
             for name in frames[0].stage_seconds
         },
-        "points" if settings.method == "points" else "blends": work,
+        unit: work,
         "rate_per_second": statistics.median(rates),
         "rate_per_core_second": None if renderer.device.is_cuda else statistics.median(core_rates),
         "buffer_bytes": frames[0].peak_bytes,
@@ -118,12 +120,12 @@ def processor_name() -> str:
 
 
 def print_row(preset: str, method: str, row: dict[str, Any]) -> None:
-    unit = "points" if method == "points" else "blends"
+    _, unit = RATES[method]
     stages = "  ".join(f"{name} {ms:.1f}" for name, ms in row["stages_ms"].items())
     per_core = row["rate_per_core_second"]
     print(
         f"{preset:14} {method:7} {row['frame_ms']:8.1f} ms  {row[unit] / 1e6:8.1f} M {unit}  "
-        f"{row['rate_per_second'] / 1e6:7.0f} M/s{f'  {per_core / 1e6:7.0f} M/s per core' if per_core else ''}\n"
+        f"{row['rate_per_second'] / 1e6:7.3g} M/s{f'  {per_core / 1e6:7.3g} M/s per core' if per_core else ''}\n"
         f"{'':22} {stages}"
     )
 
@@ -160,7 +162,11 @@ def main() -> None:
         rows = result["presets"][name] = {}
         for method in options.method or METHODS:
             settings = Settings(method=method, samples=1, supersampling=options.supersampling)
-            rows[method] = measure(renderer, *loaded, settings, options.repeats)
+            try:
+                rows[method] = measure(renderer, *loaded, settings, options.repeats)
+            except StippleError as error:
+                print(f"{name:14} {method:7} skipped: {error}")
+                continue
             print_row(name, method, rows[method])
     options.json.write_text(json.dumps(result, indent=1) + "\n")
     print(f"written to {options.json}", file=sys.stderr)
