@@ -10,10 +10,18 @@ import atexit
 
 import bpy
 
-from . import properties, render_engine, residency, ui
+from . import graphics, properties, render_engine, residency, ui
 from .operators import apply_transform, import_splats
 
-PARTS = (properties, residency, import_splats, apply_transform, render_engine, ui)  # in order; undone in reverse
+PARTS = (
+    properties,
+    residency,
+    graphics,
+    import_splats,
+    apply_transform,
+    render_engine,
+    ui,
+)  # in order; undone in reverse
 
 
 def register() -> None:

@@ -3,12 +3,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+
+from . import graphics
 
 METHODS = (
     ("POINTS", "Points", "Scatter each splat as random opaque points; the picture gets cleaner with every sample"),
     ("SORTED", "Sorted", "Blend the splats in depth order; free of noise, needs one sample"),
+    ("RAYS", "Rays", "Draw the splats with the graphics hardware, exact on every ray; right when the camera is close"),
+)
+RAY_ORDERS = (
+    ("SORTED", "Sorted", "Blend by the depth of each splat's center; free of noise"),
+    ("STOCHASTIC", "Stochastic", "Order per pixel; captures that intersect look right, cleaner with every sample"),
 )
 DEVICES = (
     ("AUTO", "Automatic", "Use an NVIDIA GPU where there is one, otherwise the CPU"),
@@ -17,11 +26,19 @@ DEVICES = (
 )
 
 
+def _method_changed(_b_settings: Any, _context: Any) -> None:
+    graphics.follow_the_file()
+
+
 class StippleSceneSettings(bpy.types.PropertyGroup):
     """What `engine.settings.Settings` needs, as animatable properties."""
 
     method: EnumProperty(  # type: ignore[valid-type]
-        name="Method", description="How splats are turned into a picture", items=METHODS, default="POINTS"
+        name="Method",
+        description="How splats are turned into a picture",
+        items=METHODS,
+        default="POINTS",
+        update=_method_changed,
     )
     samples: IntProperty(  # type: ignore[valid-type]
         name="Samples",
@@ -44,6 +61,9 @@ class StippleSceneSettings(bpy.types.PropertyGroup):
         description="Start of the random numbers; equal seeds give equal pictures",
         default=0,
         min=0,
+    )
+    ray_order: EnumProperty(  # type: ignore[valid-type]
+        name="Order", description="What decides which splat is in front", items=RAY_ORDERS, default="SORTED"
     )
     device: EnumProperty(  # type: ignore[valid-type]
         name="Device", description="Hardware that renders", items=DEVICES, default="AUTO"

@@ -15,7 +15,12 @@ import numpy as np
 from ..engine.errors import StippleError
 from ..engine.rays.host import STRIP, Draw, FloatArray
 from ..engine.rays.interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, create_info_calls, source
+from .graphics import has_graphics
 
+NO_CONTEXT = (
+    "Rays needs a graphics context and Blender has none here (on Linux without a screen it takes libegl1 and a driver "
+    "such as libgl1-mesa-dri); choose the method Sorted instead."
+)
 COLOUR_FORMAT = "RGBA32F"
 DEPTH_FORMAT = "DEPTH_COMPONENT32F"
 
@@ -24,15 +29,14 @@ class BlenderRasterDevice:
     """An `engine.rays.host.RasterHost`. Raises StippleError where Blender has no graphics context."""
 
     def __init__(self) -> None:
+        if not has_graphics():  # asking Blender for a context then would end the process
+            raise StippleError(NO_CONTEXT)
         try:
             if hasattr(gpu, "init"):  # from 5.2; before, a context is there or not
                 gpu.init()
             self.largest_texture = int(gpu.capabilities.max_texture_size_get())
         except (SystemError, RuntimeError) as error:
-            raise StippleError(
-                "rays: Blender has no graphics context here (on Linux without a screen it takes libegl1 and a driver "
-                "such as libgl1-mesa-dri); choose the sorted method instead."
-            ) from error
+            raise StippleError(NO_CONTEXT) from error
         self._textures: dict[str, Any] = {}
         self._batches: dict[bool, tuple[Any, Any]] = {}
         self._target: tuple[tuple[int, int], Any, list[Any]] | None = None

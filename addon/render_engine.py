@@ -34,6 +34,7 @@ class StippleRenderEngine(bpy.types.RenderEngine):
     bl_idname = ENGINE_ID
     bl_label = "Stipple"
     bl_use_preview = False
+    bl_use_gpu_context = False  # see graphics
     bl_use_shading_nodes_custom = False  # the world's shader nodes are Blender's own
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
@@ -111,15 +112,18 @@ def _pictures(renderer: Any, scene: Scene, camera: Camera, settings: Settings, p
     """The finished picture. When the user cancels, what is done of it, and Cancelled after that."""
     from ..engine.renderer import Frame
 
-    frame = Frame(renderer, scene, camera, settings, progress)
     try:
-        for sample in range(frame.sample_count):
-            frame.render_sample(sample)
-    except Cancelled:
-        if frame.film.samples:
-            yield frame.resolve()
-        raise
-    yield frame.resolve()
+        frame = Frame(renderer, scene, camera, settings, progress)
+        try:
+            for sample in range(frame.sample_count):
+                frame.render_sample(sample)
+        except Cancelled:
+            if frame.film.samples:
+                yield frame.resolve()
+            raise
+        yield frame.resolve()
+    finally:
+        renderer.release_raster()  # Blender ends the graphics context with the frame
 
 
 def fail(b_engine: Any, text: str) -> None:

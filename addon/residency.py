@@ -91,8 +91,9 @@ def renderer_for(device: str) -> Renderer:
         free_renderer()
         _keep_kernels_in_extension_folder()
         from ..engine.renderer import Renderer
+        from .raster_device import BlenderRasterDevice
 
-        _renderers[device] = Renderer(device)
+        _renderers[device] = Renderer(device, raster_host=BlenderRasterDevice)
     return _renderers[device]
 
 

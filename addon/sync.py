@@ -57,6 +57,7 @@ def settings_from_scene(b_scene: Any) -> Settings:
         antialiased=b_stipple.antialiased,
         points_per_thread=b_stipple.points_per_thread,
         alpha_max=b_stipple.alpha_max,
+        ray_order=b_stipple.ray_order.lower(),
     )
 
 

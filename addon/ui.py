@@ -42,10 +42,15 @@ class RENDER_PT_stipple_sampling(StipplePanel, bpy.types.Panel):
         b_stipple = context.scene.stipple
         column = self._column()
         column.prop(b_stipple, "method")
-        if b_stipple.method == "POINTS":
+        if b_stipple.method == "RAYS":
+            column.prop(b_stipple, "ray_order")
+        accumulates = b_stipple.method == "POINTS" or (
+            b_stipple.method == "RAYS" and b_stipple.ray_order == "STOCHASTIC"
+        )
+        if accumulates:
             column.prop(b_stipple, "samples")
         column.prop(b_stipple, "supersampling")
-        if b_stipple.method == "POINTS":
+        if accumulates:
             column.prop(b_stipple, "seed")
 
 

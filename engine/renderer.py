@@ -117,11 +117,15 @@ class Renderer:
             self._raster = RasterScene(self._raster_host())
         return self._raster
 
-    def free(self) -> None:
-        """Give all device memory back. The renderer can be used again."""
+    def release_raster(self) -> None:
+        """Give the graphics context of *rays* back; a host whose context ends with each frame must."""
         if self._raster is not None:
             self._raster.host.release()
             self._raster = None
+
+    def free(self) -> None:
+        """Give all device memory back. The renderer can be used again."""
+        self.release_raster()
         self._clouds.clear()
         self.buffers.free()
 
