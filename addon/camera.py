@@ -68,6 +68,8 @@ def camera_from_blender(
     aspect = b_render.pixel_aspect_y / b_render.pixel_aspect_x
     fit_px, sensor_mm = _fit(b_camera, width, height, b_render.pixel_aspect_x, b_render.pixel_aspect_y)
     orthographic = b_camera.type == "ORTHO"
+    if orthographic and b_camera.ortho_scale <= 0:
+        raise StippleError(f"{b_camera_object.name}: its Orthographic Scale is 0; give it a size.")
     fx = fit_px / b_camera.ortho_scale if orthographic else fit_px * b_camera.lens / sensor_mm
     matrix = b_camera_object.matrix_world if world_from_camera is None else world_from_camera
     return Camera(

@@ -34,7 +34,7 @@ def scene_from_depsgraph(depsgraph: Any, cache: CloudCache) -> tuple[Scene, tupl
             if not _is_visible_capture(b_instance, b_object):
                 continue
             matrix = np.array(b_instance.matrix_world, dtype=np.float64)[:3]
-            if not np.isfinite(matrix).all() or np.linalg.det(matrix[:, :3]) == 0:
+            if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix[:, :3]) < 2:
                 continue
             cloud, dropped = cache.cloud_of(b_object.data, b_object.name)
             if dropped:

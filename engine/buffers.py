@@ -17,6 +17,14 @@ def gibibytes(count: int) -> str:
     return f"{count / 2**30:.2f} GiB"
 
 
+def shortage(device: wp.Device, needed: int, what: str, free: int) -> str:
+    """What to tell a user when memory does not suffice."""
+    return (
+        f"{device.alias}: {gibibytes(needed)} are needed for {what} and {gibibytes(free)} are free; "
+        "render fewer splats, a smaller picture or a lower supersampling, or choose another device."
+    )
+
+
 class Buffers:
     """Named arrays on one device that are kept from frame to frame.
 
@@ -40,6 +48,16 @@ class Buffers:
             self.peak_bytes = max(self.peak_bytes, self.held_bytes)
         return held[:count]
 
+    def check(self, needed: int, what: str) -> None:
+        """Raise StippleError unless `needed` bytes fit, counting what is already held as theirs.
+
+        For what will certainly be allocated together: a CPU's memory is only taken when it is first written, so one
+        buffer's own check does not see the one before.
+        """
+        free = free_bytes(self.device) + self.held_bytes
+        if needed > free:
+            raise StippleError(shortage(self.device, needed, what, free))
+
     @property
     def held_bytes(self) -> int:
         return sum(array.capacity for array in self._arrays.values())
@@ -49,10 +67,7 @@ class Buffers:
 
     def _allocate(self, name: str, dtype: Any, count: int) -> wp.array:
         needed, free = count * wp.types.type_size_in_bytes(dtype), free_bytes(self.device)
-        message = (
-            f"{self.device.alias}: {gibibytes(needed)} are needed for {name} and {gibibytes(free)} are free; "
-            "render fewer splats, a smaller picture or a lower supersampling, or choose another device."
-        )
+        message = shortage(self.device, needed, name, free)
         if needed > free:
             raise StippleError(message)
         try:

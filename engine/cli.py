@@ -24,6 +24,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except StippleError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except BrokenPipeError:
+        sys.stdout = None  # nobody listens any more; closing it again would complain
+        return 1
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{error.strerror or error}; check the path and the space on the disk.", file=sys.stderr)
+        return 1
     except MemoryError:
         print("error: not enough memory; render fewer captures or a smaller picture.", file=sys.stderr)
         return 1

@@ -147,9 +147,6 @@ def _render_view(renderer: Renderer, scene: Scene, view: View, job: RenderJob, n
 def _new_renderer(device: str) -> Renderer:
     """The renderer; only now is Warp imported, which takes a second and is not needed for anything else."""
     try:
-        import warp as wp
-
-        wp.config.log_level = wp.LOG_ERROR  # its greeting would land among the results on the output stream
         from .renderer import Renderer
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "warp":

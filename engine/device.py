@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import warp as wp
@@ -53,7 +54,7 @@ def choose_device(name: str = "auto") -> wp.Device:
 
     Raises StippleError when the machine has no such device.
     """
-    wp.config.log_level = wp.LOG_WARNING  # kernel loads are not the user's business
+    wp.config.log_level = wp.LOG_ERROR  # its greeting and kernel loads would land among the results
     wp.init()
     if name == "auto":
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
@@ -106,12 +107,21 @@ def free_bytes(device: wp.Device) -> int:
         with open("/proc/meminfo") as table:
             for line in table:
                 if line.startswith("MemAvailable:"):
-                    return int(line.split()[1]) * 1024
+                    return min(int(line.split()[1]) * 1024, _free_bytes_of_container())
     if sys.platform == "win32":
         return _free_bytes_windows()
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return 1 << 62
+
+
+def _free_bytes_of_container() -> int:
+    """What a container or a farm's job may still take (cgroup version 2); a large number where there is no limit."""
+    try:
+        limit, used = (int(Path("/sys/fs/cgroup", name).read_text()) for name in ("memory.max", "memory.current"))
+    except (OSError, ValueError):  # no such files, or "max"
+        return 1 << 62
+    return max(0, limit - used)
 
 
 def _free_bytes_windows() -> int:

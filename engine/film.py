@@ -19,6 +19,9 @@ from .device import launch
 wp.set_module_options({"enable_backward": False})
 
 
+BYTES_PER_PIXEL = 40 + 20 + 20  # sums, their mean, and the host's copy
+
+
 @dataclass
 class RenderStats:
     """What a render did. `points` and `blends` count over all samples; a method leaves the other's at 0.
@@ -80,18 +83,21 @@ class Film:
     def __init__(self, width: int, height: int, buffers: Buffers) -> None:
         self.width, self.height, self.device = width, height, buffers.device
         self.samples = 0
-        self._buffers = buffers
+        count = width * height
+        buffers.check(BYTES_PER_PIXEL * count, f"a picture of {width}×{height} px")
         self.sums = FilmSums()
-        self.sums.colour = buffers.array("film_colour", wp.vec4d, width * height)
-        self.sums.depth = buffers.array("film_depth", wp.float64, width * height)
+        self.sums.colour = buffers.array("film_colour", wp.vec4d, count)
+        self.sums.depth = buffers.array("film_depth", wp.float64, count)
+        # Now, so that no finished render lacks the memory to be looked at.
+        self._rgba = buffers.array("film_rgba", wp.vec4, count)
+        self._mean_depth = buffers.array("film_mean_depth", wp.float32, count)
         self.sums.colour.zero_()
         self.sums.depth.zero_()
 
     def resolve(self, background: tuple[float, float, float] | None, stats: RenderStats) -> Picture:
         """The mean so far over `background` (sRGB-encoded; None leaves it transparent). May be called at any time."""
         count = self.width * self.height
-        rgba = self._buffers.array("film_rgba", wp.vec4, count)
-        depth = self._buffers.array("film_mean_depth", wp.float32, count)
+        rgba, depth = self._rgba, self._mean_depth
         behind = wp.vec4(0.0, 0.0, 0.0, 0.0) if background is None else wp.vec4(*background, 1.0)
         inputs = [self.sums, float(max(self.samples, 1)), behind, rgba, depth]
         launch(resolve_film_kernel, count, inputs, self.device)

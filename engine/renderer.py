@@ -161,6 +161,8 @@ class Frame:
         """Add one sample of the whole window. Equal sample numbers give equal samples."""
         self._done = min(1.0, self.film.samples / self.sample_count)
         self.method.render_sample(sample, self.film, self.checkpoint)
+        self._done = min(1.0, self.film.samples / self.sample_count)
+        self.checkpoint()
 
     def resolve(self) -> Picture:
         """The mean of the samples so far."""
@@ -171,6 +173,11 @@ class Frame:
         stats.splats_visible = self.method.splats_visible
         stats.points, stats.blends = self.method.points, self.method.blends
         stats.warnings = self.method.warnings
+        if self.method.splats_visible == 0 and self._scene.splat_count:
+            stats.warnings += (
+                f"None of the {self._scene.splat_count:,} splats can be seen: they are behind the camera, outside its "
+                "clipping range or beside the picture, or fainter than 1/255.",
+            )
         stats.stage_seconds = dict(self.timer.seconds)
         stats.stage_core_seconds = dict(self.timer.core_seconds)
         stats.seconds = time.perf_counter() - self._begin

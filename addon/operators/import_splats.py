@@ -70,6 +70,8 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: Any) -> set[str]:
         """One object per file, each whole or not at all; a file that cannot be read does not stop the others."""
+        if context.mode != "OBJECT" and context.object:
+            bpy.ops.object.mode_set(mode="OBJECT")  # the new object becomes active; what was edited must not be stuck
         b_objects = [b_object for path in self._paths() if (b_object := self._import(context, path))]
         if not b_objects:
             return {"CANCELLED"}

@@ -54,9 +54,13 @@ class Fields:
         if default is not None and not self.has(key):
             return default
         value = self.value(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise self.fail(key, f"is {value!r}; give a finite number")
-        return float(value)
+        try:
+            number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
+        except OverflowError:
+            number = np.inf
+        if not np.isfinite(number):
+            raise self.fail(key, f"is {repr(value)[:40]}; give a finite number")
+        return number
 
     def positive(self, key: str, default: float | None = None) -> float:
         value = self.number(key, default)
@@ -75,7 +79,7 @@ class Fields:
         """A finite float64 array of one of `shapes`."""
         try:
             array = np.array(self.value(key), dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
         if array.shape not in shapes or not np.isfinite(array).all():
             wanted = " or ".join("×".join(map(str, shape)) for shape in shapes)

@@ -76,6 +76,6 @@ def _load_json(path: Path) -> object:
         content = file.read()
     try:
         return json.loads(content.decode("utf-8-sig"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # bad UTF-8, bad JSON, a number of thousands of digits
         where = f" at line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
         raise StippleError(f"{path}: not valid JSON{where}; give a cameras.json or transforms.json.") from error

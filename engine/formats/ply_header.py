@@ -8,6 +8,7 @@ else: it would otherwise allocate whatever count the header claims (ascii files,
 from __future__ import annotations
 
 import io
+import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,17 +71,16 @@ def read_header(file: BinaryIO, path: Path) -> PlyHeader:
     if not starts_like_ply(beginning):
         raise StippleError(f"{path}: this is not a PLY file (it does not begin with 'ply'); choose a 3DGS .ply file.")
     newline = next(newline for newline in NEWLINES if beginning.startswith(newline, 3))
-    last_line = newline + b"end_header" + newline
-    end = beginning.find(last_line)
-    if end < 0:
+    last_line = re.search(newline + rb"end_header[ \t]*" + newline, beginning)
+    if last_line is None:
         raise StippleError(f"{path}: the PLY header has no line 'end_header'; the file is damaged, export it again.")
-    lines, counts = _without_counts(beginning[:end].split(newline), path)
+    lines, counts = _without_counts(beginning[: last_line.start()].split(newline), path)
     parsed = _parse(b"\n".join([*lines, b"end_header", b""]), path)
     elements = tuple(
         _element(element, count, parsed.text, parsed.byte_order)
         for element, count in zip(parsed.elements, counts, strict=True)
     )
-    return PlyHeader(elements, parsed.text, end + len(last_line))
+    return PlyHeader(elements, parsed.text, last_line.end())
 
 
 def check_size(header: PlyHeader, file_bytes: int, path: Path) -> None:

@@ -87,7 +87,8 @@ def _read_mapped(file: BinaryIO, path: Path, offset: int, element: PlyElement, p
 
 
 def _read_text(file: BinaryIO, path: Path, before: tuple[PlyElement, ...], element: PlyElement, put: PutRows) -> None:
-    lines = io.TextIOWrapper(file, encoding="ascii", errors="replace")
+    wrapper = io.TextIOWrapper(file, encoding="ascii", errors="replace")
+    lines = (line for line in wrapper if line.strip())
     try:
         for other in before:
             skipped = sum(1 for _ in islice(lines, other.count))
@@ -101,7 +102,7 @@ def _read_text(file: BinaryIO, path: Path, before: tuple[PlyElement, ...], eleme
                 raise truncated(path, element, first + len(texts))
             put(first, _parse_lines(texts, path, element, first))
     finally:
-        lines.detach()  # closing the wrapper would close the caller's file
+        wrapper.detach()  # closing the wrapper would close the caller's file
 
 
 def _parse_lines(texts: list[str], path: Path, element: PlyElement, first: int) -> Rows:

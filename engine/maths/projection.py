@@ -21,6 +21,7 @@ from ..settings import Settings
 
 wp.set_module_options({"enable_backward": False})
 
+LARGEST_PX = wp.constant(1e8)
 DEPTH_KEY_BITS = 28
 DEPTH_KEY_LARGEST = wp.constant(wp.uint32((1 << DEPTH_KEY_BITS) - 2))  # all ones stands for nothing
 
@@ -154,6 +155,13 @@ def may_be_seen(view: View, pose: Pose, position: wp.vec3, scale: wp.vec3, opaci
 
 
 @wp.func
+def within(w: wp.vec3) -> wp.vec3:
+    """No longer than LARGEST_PX along any axis, so that determinants stay finite: such a splat fills any frame."""
+    low, high = wp.vec3(-LARGEST_PX, -LARGEST_PX, -LARGEST_PX), wp.vec3(LARGEST_PX, LARGEST_PX, LARGEST_PX)
+    return wp.min(wp.max(w, low), high)
+
+
+@wp.func
 def project_splat(
     view: View, pose: Pose, p: wp.vec3, scale: wp.vec3, rotation: wp.vec4, opacity: wp.float32
 ) -> Ellipse:
@@ -170,8 +178,8 @@ def project_splat(
     # Rows of J · linear, turned into the splat's principal axes and scaled: covariance = w wᵀ.
     to_object = wp.transpose(pose.linear)
     axes = wp.quat(rotation[1], rotation[2], rotation[3], rotation[0])
-    w0 = wp.cw_mul(scale, wp.quat_rotate_inv(axes, to_object * wp.vec3(fx, 0.0, -fx * slope_x)))
-    w1 = wp.cw_mul(scale, wp.quat_rotate_inv(axes, to_object * wp.vec3(0.0, fy, -fy * slope_y)))
+    w0 = within(wp.cw_mul(scale, wp.quat_rotate_inv(axes, to_object * wp.vec3(fx, 0.0, -fx * slope_x))))
+    w1 = within(wp.cw_mul(scale, wp.quat_rotate_inv(axes, to_object * wp.vec3(0.0, fy, -fy * slope_y))))
     e = Ellipse()
     e.mean_px = wp.vec2(
         view.focal_px[0] * p[0] * inverse_z + view.centre_px[0],

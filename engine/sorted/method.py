@@ -12,9 +12,9 @@ from ..shot import Shot
 from .blend import blend_counter_count, blend_tiles
 from .order import sort_by_depth
 from .sampling import Sampling
-from .tiles import cut_into_tiles
+from .tiles import cut_into_tiles, row_ranges
 
-FRAGMENTS_PER_LAUNCH = 1 << 22  # about 1 G pixel-splats at most, so a host can cancel in time
+FRAGMENTS_PER_LAUNCH = 1 << 20  # 268 M pixel-splats, a third of a second on two cores, so a host can cancel in time
 
 
 class SortedFrame:
@@ -38,6 +38,7 @@ class SortedFrame:
             self._tiles = cut_into_tiles(self._ordered, staging.count, view, buffers)
         self._blends = buffers.array("blends", wp.int64, blend_counter_count(self._tiles, buffers.device))
         self._blends.zero_()
+        self._row_ranges = row_ranges(self._tiles, FRAGMENTS_PER_LAUNCH)
 
     @property
     def blends(self) -> int:
@@ -53,11 +54,8 @@ class SortedFrame:
         sampling.alpha_max = self._view.alpha_max
         sampling.width, sampling.height = film.width, film.height
         sampling.columns = self._tiles.columns
-        rows = self._tiles.rows
-        launches = max(1, min(rows, self._tiles.fragment_count // FRAGMENTS_PER_LAUNCH))
         with self._timer.stage("blend"):
-            for part in range(launches):
+            for first, last in self._row_ranges:
                 checkpoint()
-                first, last = rows * part // launches, rows * (part + 1) // launches
                 blend_tiles(self._ordered, self._tiles, first, last, sampling, film, self._blends)
         film.samples += 1

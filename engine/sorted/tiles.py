@@ -132,6 +132,21 @@ def find_tile_ranges_kernel(
         end[tile] = f + 1
 
 
+def row_ranges(tiles: Tiles, most: int) -> list[tuple[int, int]]:
+    """Consecutive rows of tiles (first, after the last), each range with at most `most` fragments or a single row.
+
+    Reads the tiles' ranges back.
+    """
+    per_row = (tiles.end.numpy() - tiles.begin.numpy()).reshape(tiles.rows, tiles.columns).sum(axis=1)
+    ranges, first, held = [], 0, 0
+    for row, count in enumerate(per_row.tolist()):
+        if held and held + count > most:
+            ranges.append((first, row))
+            first, held = row, 0
+        held += count
+    return [*ranges, (first, tiles.rows)]
+
+
 def cut_into_tiles(ordered: Ordered, count: int, view: View, buffers: Buffers) -> Tiles:
     """Fragments of `count` ordered splats, sorted by tile. Reads back the fragment count."""
     device = buffers.device

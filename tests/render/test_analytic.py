@@ -226,6 +226,21 @@ def test_needles_keep_their_width(renderer: Renderer) -> None:
     assert np.sqrt(((picture.rgba - wanted) ** 2).mean()) < 2e-3
 
 
+@pytest.mark.parametrize("size", [1e12, 1e20, 1e38])
+def test_overflowing_splats_look_the_same_to_both_methods(renderer: Renderer, size: float) -> None:
+    scene = scene_of(cloud_of((0, 0, 4), size, 0.5, RED))
+    sorted_picture = renderer.render(scene, front_camera(), SORTED).rgba
+    assert np.abs(sorted_picture[..., 3] - 0.5).max() < 1e-3
+    assert abs(renderer.render(scene, front_camera(), points(64)).rgba[..., 3].mean() - 0.5) < 0.01
+
+
+@pytest.mark.parametrize("method", ["points", "sorted"])
+def test_nothing_in_sight_is_said(renderer: Renderer, method: str) -> None:
+    behind = renderer.render(scene_of(wide_splat(0.9, RED, depth=-4.0)), front_camera(), Settings(method=method))
+    assert "None of the 1 splats can be seen" in behind.stats.warnings[0]
+    assert not renderer.render(Scene(()), front_camera(), Settings(method=method)).stats.warnings
+
+
 @pytest.mark.parametrize("method", ["points", "sorted"])
 def test_absurd_splats_never_make_bad_pixels(renderer: Renderer, method: str) -> None:
     rng = np.random.default_rng(4)

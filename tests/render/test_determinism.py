@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from stipple.engine import device as engine_device
 from stipple.engine.errors import Cancelled, StippleError
 from stipple.engine.renderer import Frame, Renderer
 from stipple.engine.settings import Settings
-from tests.scenes import front_camera, random_cloud, scene_of
+from stipple.engine.sorted.method import FRAGMENTS_PER_LAUNCH
+from tests.scenes import cloud_of, front_camera, random_cloud, scene_of
 
 METHODS = ("points", "sorted")
 
@@ -76,6 +78,17 @@ def test_cancel_leaves_a_usable_renderer(renderer: Renderer, method: str) -> Non
     assert np.array_equal(wanted, renderer.render(scene, front_camera(), settings).rgba)
 
 
+def test_crowded_frames_ask_the_host_often(renderer: Renderer) -> None:
+    """Faint splats that all cover the frame: no launch may blend more than a third of a second's work."""
+    cloud = cloud_of(np.column_stack([np.zeros((60, 2)), np.linspace(3, 6, 60)]), 50.0, 0.02, (1, 1, 1))
+    frame = Frame(renderer, scene_of(cloud), front_camera(3840, 2160), Settings(method="sorted"))
+    fragments = 60 * 240 * 135
+    ranges = frame.method._row_ranges  # type: ignore[attr-defined]
+    assert ranges[0][0] == 0 and ranges[-1][1] == 135
+    assert all(before[1] == after[0] for before, after in pairwise(ranges))
+    assert len(ranges) >= fragments / FRAGMENTS_PER_LAUNCH
+
+
 def test_clouds_leave_with_their_scene(device: str) -> None:
     renderer = Renderer(device)
     for seed in range(4):
@@ -84,6 +97,16 @@ def test_clouds_leave_with_their_scene(device: str) -> None:
         assert len(renderer._clouds) == 1
     renderer.free()
     assert renderer.buffers.held_bytes == 0
+
+
+def test_memory_is_added_up_before_anything_is_taken(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A film's sums alone would fit here; with their mean and the host's copy they do not."""
+    renderer.free()
+    monkeypatch.setattr("stipple.engine.buffers.free_bytes", lambda device: 60 * 1000 * 1000)
+    for settings in (Settings(method="sorted"), Settings(samples=1, supersampling=4)):
+        with pytest.raises(StippleError, match="are needed for"):
+            renderer.render(scene_of(random_cloud(30, 1)), front_camera(1000, 1000), settings)
+    assert renderer.render(scene_of(random_cloud(30, 1)), front_camera(700, 700), Settings(method="sorted")).rgba.any()
 
 
 def test_too_little_memory_is_one_sentence_with_numbers(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
