@@ -13,7 +13,7 @@ import gpu
 import numpy as np
 
 from ..engine.errors import StippleError
-from ..engine.rays.host import STRIP, Draw, FloatArray
+from ..engine.rays.host import Draw, FloatArray, batch_corners, batch_triangles
 from ..engine.rays.interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, create_info_calls, source
 from .graphics import has_graphics
 
@@ -56,7 +56,7 @@ class BlenderRasterDevice:
             framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0), depth=1.0)
             self._set_state(draw)
             try:
-                if draw.instance_count:
+                if draw.batch_count:
                     self._render(draw)
             finally:
                 gpu.state.blend_set("NONE")
@@ -87,10 +87,10 @@ class BlenderRasterDevice:
             value = draw.constants[constant.name]
             set_value = shader.uniform_int if constant.glsl_type.startswith("i") else shader.uniform_float
             set_value(constant.name, value)
-        batch.draw_instanced(shader, instance_start=0, instance_count=draw.instance_count)
+        batch.draw_instanced(shader, instance_start=0, instance_count=draw.batch_count)
 
     def _batch(self, stochastic: bool) -> tuple[Any, Any]:
-        """The quad's corners and the shader, compiled on first use."""
+        """The batch of quads and the shader, compiled on first use."""
         if stochastic not in self._batches:
             info, interface = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("stipple_rays")
             info_calls, interface_calls = create_info_calls(stochastic=stochastic)
@@ -103,10 +103,12 @@ class BlenderRasterDevice:
             info.fragment_source(source("fragment"))
             shader = gpu.shader.create_from_info(info)
             layout = gpu.types.GPUVertFormat()
-            layout.attr_add(id=ATTRIBUTES[0].name, comp_type="F32", len=2, fetch_mode="FLOAT")
-            corners = gpu.types.GPUVertBuf(layout, len(STRIP))
-            corners.attr_fill(ATTRIBUTES[0].name, STRIP.tolist())
-            self._batches[stochastic] = (gpu.types.GPUBatch(type="TRI_STRIP", buf=corners), shader)
+            layout.attr_add(id=ATTRIBUTES[0].name, comp_type="F32", len=3, fetch_mode="FLOAT")
+            vertices, triangles = batch_corners(), batch_triangles()
+            corners = gpu.types.GPUVertBuf(layout, len(vertices))
+            corners.attr_fill(ATTRIBUTES[0].name, vertices.tolist())
+            elements = gpu.types.GPUIndexBuf(type="TRIS", seq=triangles.tolist())
+            self._batches[stochastic] = (gpu.types.GPUBatch(type="TRIS", buf=corners, elem=elements), shader)
         return self._batches[stochastic]
 
     def _framebuffer(self, width: int, height: int) -> tuple[Any, list[Any]]:

@@ -9,19 +9,29 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .interface import Texture
+from .interface import QUADS_PER_BATCH, Texture
 
 FloatArray = npt.NDArray[np.float32]
 
-# Corners of a triangle strip: the columns of the canonical quad O (RayGS, below Eq. 7), its last two exchanged.
-STRIP = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]], np.float32)
+
+def batch_corners() -> FloatArray:
+    """(4 Q, 3): the columns of the canonical quad O (RayGS, below Eq. 7), and the quad's number in the batch."""
+    quad = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]], np.float32)
+    number = np.repeat(np.arange(QUADS_PER_BATCH, dtype=np.float32), 4)
+    return np.column_stack([np.tile(quad, (QUADS_PER_BATCH, 1)), number])
+
+
+def batch_triangles() -> npt.NDArray[np.int32]:
+    """(2 Q, 3): vertices of the triangles of `batch_corners`."""
+    first = 4 * np.arange(QUADS_PER_BATCH, dtype=np.int32)[:, None, None]
+    return (first + np.array([[0, 1, 2], [0, 2, 3]], np.int32)).reshape(-1, 3)
 
 
 @dataclass(frozen=True)
 class Draw:
     """One draw of all splats of all instances into a cleared target.
 
-    - `instance_count`: texels of `interface.ORDER` in use.
+    - `splat_count`: texels of `interface.ORDER` in use; also the last of the constant `modes`.
     - `constants`: a value for each of `interface.CONSTANTS`.
     - `stochastic`: depth test on, blending off, depth written by the shader; else premultiplied "over", no depth test.
     - `multisamples`: rays per pixel, averaged; 1 for the pixel's centre.
@@ -29,10 +39,15 @@ class Draw:
 
     width: int
     height: int
-    instance_count: int
+    splat_count: int
     constants: dict[str, tuple[float, ...] | tuple[int, ...]]
     stochastic: bool = False
     multisamples: int = 1
+
+    @property
+    def batch_count(self) -> int:
+        """Instances of the batch to draw."""
+        return -(-self.splat_count // QUADS_PER_BATCH)
 
 
 class RasterHost(Protocol):

@@ -35,19 +35,25 @@ class Value:
 SPLATS = Texture("splats", 0)
 """Records of all clouds, one after the other; see `texels.pack_cloud`."""
 INSTANCES = Texture("instances", 1)
-"""`texels.INSTANCE_TEXELS` texels per instance; see `texels.pack_instances`."""
+"""`INSTANCE_TEXELS` texels per instance; see `texels.pack_instances`."""
 ORDER = Texture("draw_order", 2)
 """One texel per drawn splat, farthest first; see `texels.pack_order`."""
 TEXTURES = (SPLATS, INSTANCES, ORDER)
+
+QUADS_PER_BATCH = 64
+"""Splats per instance of the draw. One would do, but hardware fills its lanes with the vertices of one instance, and
+four do not fill them; llvmpipe spends microseconds on each."""
+INSTANCE_TEXELS = 5
+DEFINES = {"QUADS_PER_BATCH": QUADS_PER_BATCH, "INSTANCE_TEXELS": INSTANCE_TEXELS}
 
 CONSTANTS = (
     Value("lens", "vec4"),  # fx, fy [px], principal point in the window, shifted by the sample's place [px]
     Value("window", "vec4"),  # x, y, width, height [px]
     Value("cut", "vec4"),  # p_min, largest opacity, variance of the filter [px²], 1 to modulate opacity (Eq. 17)
-    Value("modes", "ivec4"),  # 1 for an orthographic camera, highest SH band, stream of random numbers, 0
+    Value("modes", "ivec4"),  # 1 for an orthographic camera, highest SH band, stream of random numbers, splats drawn
 )
 
-ATTRIBUTES = (Value("corner", "vec2", 0),)  # a column of the canonical quad O
+ATTRIBUTES = (Value("corner", "vec3", 0),)  # a column of the canonical quad O; which quad of the batch
 
 SMOOTH = (Value("quad_point", "vec3"),)  # Z_ray α; depth of the quad along z [world units]
 FLAT = (
@@ -74,6 +80,7 @@ def header(stage: str, *, stochastic: bool, per_sample: bool) -> str:
     lines = [GLSL_VERSION]
     if stochastic:
         lines.append("#define STOCHASTIC")
+    lines += [f"#define {name} {number}" for name, number in DEFINES.items()]
     lines += [f"uniform {value.glsl_type} {value.name};" for value in CONSTANTS]
     if stage == "vertex":
         lines += [f"uniform sampler2D {texture.name};" for texture in TEXTURES]
@@ -101,6 +108,7 @@ def create_info_calls(*, stochastic: bool) -> tuple[list[tuple], list[tuple]]:
     info += [("sampler", texture.slot, "FLOAT_2D", texture.name) for texture in TEXTURES]
     info += [("vertex_in", value.location, value.glsl_type.upper(), value.name) for value in ATTRIBUTES]
     info += [("fragment_out", value.location, value.glsl_type.upper(), value.name) for value in OUTPUTS]
+    info += [("define", name, str(number)) for name, number in DEFINES.items()]
     if stochastic:
         info += [("define", "STOCHASTIC"), ("depth_write", "ANY")]
     stage: list[tuple] = [("smooth", value.glsl_type.upper(), value.name) for value in SMOOTH]

@@ -91,12 +91,12 @@ class RaysFrame:
         return Draw(
             width=width,
             height=height,
-            instance_count=self.splats_visible,
+            splat_count=self.splats_visible,
             constants={
                 "lens": (camera.fx, camera.fy, camera.cx - x + shift[0], camera.cy - y + shift[1]),
                 "window": (x, y, width, height),
                 "cut": (self._p_min, settings.alpha_max, settings.dilation_px2, float(settings.antialiased)),
-                "modes": (int(camera.projection == "orthographic"), degree, stream, 0),
+                "modes": (int(camera.projection == "orthographic"), degree, stream, self.splats_visible),
             },
             stochastic=self._stochastic,
             multisamples=settings.multisamples,

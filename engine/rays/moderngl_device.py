@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import StippleError
-from .host import STRIP, Draw, FloatArray
+from .host import Draw, FloatArray, batch_corners, batch_triangles
 from .interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, complete_source
 
 
@@ -32,9 +32,10 @@ class ModernGLDevice:
             ) from error
         self.largest_texture = int(self._context.info["GL_MAX_TEXTURE_SIZE"])
         self.name = str(self._context.info["GL_RENDERER"])
-        self._corners = self._context.buffer(STRIP.tobytes())
+        self._corners = self._context.buffer(batch_corners().tobytes())
+        self._triangles = self._context.buffer(batch_triangles().tobytes())
         self._textures: dict[str, Any] = {}
-        self._programs: dict[tuple[bool, bool], Any] = {}
+        self._programs: dict[tuple[bool, bool], tuple[Any, Any]] = {}
         self._targets: dict[tuple[int, int, int], Any] = {}
 
     def upload(self, texture: Texture, texels: FloatArray) -> None:
@@ -69,8 +70,8 @@ class ModernGLDevice:
             context.blend_func = (gl.ONE, gl.ONE_MINUS_SRC_ALPHA)
         for texture in TEXTURES:
             self._textures[texture.name].use(texture.slot)
-        if draw.instance_count:
-            array.render(gl.TRIANGLE_STRIP, instances=draw.instance_count)
+        if draw.batch_count:
+            array.render(gl.TRIANGLES, instances=draw.batch_count)
         if draw.multisamples > 1:
             single = self._target(draw.width, draw.height, 1)
             context.copy_framebuffer(single, target)
@@ -96,8 +97,8 @@ class ModernGLDevice:
             program: Any = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
             for texture in TEXTURES:
                 program[texture.name].value = texture.slot
-            content = [(self._corners, "2f", ATTRIBUTES[0].name)]
-            self._programs[key] = (program, self._context.vertex_array(program, content))
+            content = [(self._corners, "3f", ATTRIBUTES[0].name)]
+            self._programs[key] = (program, self._context.vertex_array(program, content, self._triangles))
         program, array = self._programs[key]
         for constant in CONSTANTS:
             if constant.name in program:  # a compiler drops what a variant does not read

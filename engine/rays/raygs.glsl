@@ -33,12 +33,13 @@ void longer_first(inout vec3 p, inout vec3 q) {
 }
 
 // R_p and S with R_p S^2 R_p^T = M M^T. The columns of M are orthogonal already unless an instance is sheared or
-// scaled unevenly; then Jacobi's rotations make them so to full relative accuracy, needles included.
-void principal_axes(mat3 M, out mat3 R_p, out vec3 S) {
+// scaled unevenly; then Jacobi's rotations, some `sweeps` of them, make them so to full relative accuracy, needles
+// included.
+void principal_axes(mat3 M, int sweeps, out mat3 R_p, out vec3 S) {
   vec3 w0 = M[0];
   vec3 w1 = M[1];
   vec3 w2 = M[2];
-  for (int sweep = 0; sweep < 5; sweep++) {
+  for (int sweep = 0; sweep < sweeps; sweep++) {
     make_orthogonal(w0, w1);
     make_orthogonal(w0, w2);
     make_orthogonal(w1, w2);
@@ -102,13 +103,14 @@ struct Quad {
 };
 
 // Eq. 15 for a primitive with mean mu and covariance M M^T. `x` is the ray through the mean: mu itself in pinhole
-// cameras, where `parallel` is 0; the view direction in orthographic ones, where c is infinite.
-Quad quad_of(vec3 x, mat3 M, float o, float filter_variance, float p_min, bool modulate, bool parallel) {
+// cameras; the view direction in orthographic ones, which are `parallel`, where c is infinite.
+Quad quad_of(
+    vec3 x, mat3 M, int sweeps, float o, float filter_variance, float p_min, bool modulate, bool parallel) {
   Quad quad;
   quad.visible = false;
   mat3 R_p;
   vec3 S;
-  principal_axes(M, R_p, S);
+  principal_axes(M, sweeps, R_p, S);
   vec3 towards = x * R_p; // R_p^T x
   vec3 S_hat = sqrt(S * S + filter_variance);
   quad.o = o;

@@ -13,11 +13,12 @@ from ..camera import Camera
 from ..errors import StippleError
 from ..scene import Scene
 from ..splats import SH_REST_COUNT, SplatCloud
+from .interface import INSTANCE_TEXELS
 
 FloatArray = npt.NDArray[np.float32]
 
 SPLAT_HEAD_TEXELS = 4  # position and opacity; rotation; scale; band 0
-INSTANCE_TEXELS = 5
+JACOBI_SWEEPS = 4  # what 20,000 random shears of needles needed at most, in single precision
 
 
 def texels_per_splat(sh_degree: int) -> int:
@@ -48,7 +49,8 @@ def pack_instances(scene: Scene, camera: Camera) -> tuple[FloatArray, list[Splat
     """(I, 5, 4) and the distinct clouds in the order in which their records must follow each other.
 
     Per instance: the rows of camera_from_object; the eye in object space (orthographic: the forward direction) and
-    the cloud's SH degree; the cloud's first texel (high, low) and texels per splat. Composed in float64.
+    the cloud's SH degree; the cloud's first texel (high, low), texels per splat, and how many Jacobi sweeps the
+    linear part needs (none where it only turns, mirrors and scales evenly). Composed in float64.
     """
     clouds = list({id(instance.cloud): instance.cloud for instance in scene.instances}.values())
     sizes = [cloud.splat_count * texels_per_splat(cloud.sh_degree) for cloud in clouds]
@@ -65,7 +67,14 @@ def pack_instances(scene: Scene, camera: Camera) -> tuple[FloatArray, list[Splat
         row[3, 3] = instance.cloud.sh_degree
         row[4, :2] = divmod(first_texel[id(instance.cloud)], 1 << 16)
         row[4, 2] = texels_per_splat(instance.cloud.sh_degree)
+        row[4, 3] = 0 if keeps_angles(linear) else JACOBI_SWEEPS
     return texels, clouds
+
+
+def keeps_angles(linear: npt.NDArray[np.float64]) -> bool:
+    """Whether a linear map takes orthogonal vectors to orthogonal ones, as far as single precision can tell."""
+    gram = linear.T @ linear
+    return bool(np.abs(gram - np.trace(gram) / 3.0 * np.eye(3)).max() <= 1e-7 * np.trace(gram))
 
 
 def pack_order(splat: npt.NDArray[np.integer], instance: npt.NDArray[np.integer]) -> FloatArray:

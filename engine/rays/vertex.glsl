@@ -59,15 +59,18 @@ uint scrambled(uint x) { // PCG of Jarzynski and Olano, "Hash Functions for GPU 
 }
 
 void main() {
+  int place_in_order = gl_InstanceID * QUADS_PER_BATCH + int(corner.z);
+  bool is_drawn = place_in_order < modes.w; // the last batch has quads to spare
+  place_in_order = min(place_in_order, modes.w - 1);
   int width = textureSize(draw_order, 0).x;
-  vec4 drawn = texelFetch(draw_order, ivec2(gl_InstanceID % width, gl_InstanceID / width), 0);
+  vec4 drawn = texelFetch(draw_order, ivec2(place_in_order % width, place_in_order / width), 0);
   int splat = joined(drawn.xy);
   int instance = int(drawn.z);
-  vec4 row0 = instance_texel(instance * 5); // camera_from_object, three rows
-  vec4 row1 = instance_texel(instance * 5 + 1);
-  vec4 row2 = instance_texel(instance * 5 + 2);
-  vec4 eye = instance_texel(instance * 5 + 3); // in object space; forward for an orthographic camera. SH degree
-  vec4 place = instance_texel(instance * 5 + 4); // first texel of the cloud in two parts, texels per splat
+  vec4 row0 = instance_texel(instance * INSTANCE_TEXELS); // camera_from_object, three rows
+  vec4 row1 = instance_texel(instance * INSTANCE_TEXELS + 1);
+  vec4 row2 = instance_texel(instance * INSTANCE_TEXELS + 2);
+  vec4 eye = instance_texel(instance * INSTANCE_TEXELS + 3); // in object space; forward for an orthographic camera. SH degree
+  vec4 place = instance_texel(instance * INSTANCE_TEXELS + 4); // first texel of the cloud in two parts, texels per splat, sweeps
   int record = joined(place.xy) + splat * int(place.z);
 
   bool parallel = modes.x != 0;
@@ -87,16 +90,17 @@ void main() {
   // Section 5: a pixel's area where the mean is, across the ray. (mu.z is the cosine: mu has length 1.)
   float filter_variance = cut.z / (lens.x * lens.y) * (parallel ? 1.0 / (unit * unit) : mu.z * mu.z * mu.z);
   vec3 ray = parallel ? vec3(0.0, 0.0, 1.0) : mu;
-  Quad quad = quad_of(ray, M, min(position.w, 1.0), filter_variance, cut.x, cut.w != 0.0, parallel);
+  float o = min(position.w, 1.0);
+  Quad quad = quad_of(ray, M, int(place.w), o, filter_variance, cut.x, cut.w != 0.0, parallel);
 
-  vec2 z = quad.z_ray * corner;                      // a column of Z_ray
+  vec2 z = quad.z_ray * corner.xy;                     // a column of Z_ray
   vec3 v = quad.q0 * z.x + quad.q1 * z.y + mu;       // a column of V_ray = T_ray H(Z_ray), Eq. 15
   float w = parallel ? 1.0 : v.z;
   vec2 px = lens.xy * v.xy * (parallel ? unit : 1.0) + lens.zw * w; // times w, from the window's corner
   // Depth 0 is inside the clip volume wherever w > 0: no quad is cut by the near or the far plane (section 4.1).
   gl_Position = vec4(2.0 * px / window.zw - w, 0.0, w);
   float reach = max(max(abs(gl_Position.x), abs(gl_Position.y)), abs(w));
-  if (!quad.visible || !(reach < 1e30)) { // a NaN fails too
+  if (!is_drawn || !quad.visible || !(reach < 1e30)) { // a NaN fails too
     gl_Position = vec4(2.0, 2.0, 0.0, 1.0); // all corners in one place, outside: nothing is drawn
     z = vec2(0.0);
     v = vec3(0.0, 0.0, 1.0);

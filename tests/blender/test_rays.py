@@ -16,9 +16,9 @@ from stipple.addon.camera import camera_from_blender
 from stipple.addon.graphics import has_graphics
 from stipple.addon.render_engine import StippleRenderEngine
 from stipple.addon.residency import CloudCache
-from stipple.addon.sync import scene_from_depsgraph, settings_from_scene
+from stipple.addon.sync import scene_from_depsgraph
 from stipple.engine.colour import scene_linear_from_display
-from stipple.engine.renderer import Renderer
+from stipple.engine.splats import ARRAY_NAMES
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
 
@@ -34,18 +34,52 @@ def rays_scene(order: str = "SORTED"):  # type: ignore[no-untyped-def]
     return b_scene
 
 
+# moderngl draws in a process of its own: bpy may abort at exit where both have a graphics context.
+MODERNGL = """
+import sys, numpy as np
+from stipple.engine.camera import Camera
+from stipple.engine.renderer import Renderer
+from stipple.engine.scene import Instance, Scene
+from stipple.engine.settings import Settings
+from stipple.engine.splats import ARRAY_NAMES, SplatCloud
+data = np.load(sys.argv[1])
+cloud = SplatCloud(**{name: data[name] for name in ARRAY_NAMES})
+intrinsics = {name: float(data[name]) for name in ("fx", "fy", "cx", "cy", "near", "far")}
+camera = Camera(data["camera_from_world"], 160, 120, **intrinsics)
+scene = Scene((Instance(cloud, data["world_from_object"]),))
+settings = Settings(method="rays", samples=4, ray_order=str(data["order"]))
+np.save(sys.argv[2], Renderer("cpu").render(scene, camera, settings).rgba)
+"""
+
+
 @pytest.mark.parametrize("order", ["SORTED", "STOCHASTIC"])
-def test_both_hosts_draw_the_same_picture(tmp_path: Path, order: str) -> None:
+def test_both_hosts_draw_the_same_picture(tmp_path: Path, root: Path, order: str) -> None:
     pytest.importorskip("moderngl")
     b_scene = rays_scene(order)
     blender = render(tmp_path / "blender.exr")
     depsgraph = bpy.context.evaluated_depsgraph_get()
     scene, _ = scene_from_depsgraph(depsgraph, CloudCache())
     camera = camera_from_blender(b_scene.camera.evaluated_get(depsgraph), b_scene.render)
-    picture = Renderer("cpu").render(scene, camera, settings_from_scene(b_scene))
-    wanted = scene_linear_from_display(picture.rgba)
+    (instance,) = scene.instances
+    values = {name: getattr(instance.cloud, name) for name in ARRAY_NAMES}
+    values |= {name: getattr(camera, name) for name in ("camera_from_world", "fx", "fy", "cx", "cy", "near", "far")}
+    values |= {"world_from_object": instance.world_from_object, "order": order.lower()}
+    np.savez(tmp_path / "scene.npz", **values)
+    fresh_python(root, MODERNGL, tmp_path / "scene.npz", tmp_path / "wanted.npy")
+    wanted = scene_linear_from_display(np.load(tmp_path / "wanted.npy"))
     assert wanted[..., 3].mean() > 0.1
     assert np.abs(blender - wanted).max() <= 1 / 255  # bit-identical on llvmpipe
+
+
+def fresh_python(root: Path, program: str, *arguments: Path, **variables: str) -> str:
+    """What a program prints in a process of its own."""
+    # bpy puts its own scripts on sys.path; a fresh process must find the module first.
+    paths = [str(root), *(path for path in sys.path if "scripts" not in Path(path).parts)]
+    environment = dict(os.environ) | {"PYTHONPATH": os.pathsep.join(paths)} | variables
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    result = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
 def test_three_frames_and_back_to_another_method(tmp_path: Path) -> None:
@@ -88,12 +122,7 @@ print("SURVIVED")
 
 
 def test_without_graphics_rays_is_refused_with_a_sentence_and_sorted_works(tmp_path: Path, root: Path) -> None:
-    environment = dict(os.environ) | {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json", "DISPLAY": ""}
-    # bpy puts its own scripts on sys.path; a fresh process must find the module first.
-    paths = [str(root), *(path for path in sys.path if "scripts" not in Path(path).parts)]
-    environment["PYTHONPATH"] = os.pathsep.join(paths)
-    command = [sys.executable, "-c", WITHOUT_GRAPHICS, str(tmp_path / "picture.png")]
-    result = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=120)
-    assert result.returncode == 0, result.stderr
-    assert "REFUSED" in result.stdout and "choose the method Sorted instead" in result.stdout
-    assert "SURVIVED" in result.stdout and (tmp_path / "picture.png").exists()
+    hidden = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json", "DISPLAY": ""}
+    printed = fresh_python(root, WITHOUT_GRAPHICS, tmp_path / "picture.png", **hidden)
+    assert "REFUSED" in printed and "choose the method Sorted instead" in printed
+    assert "SURVIVED" in printed and (tmp_path / "picture.png").exists()

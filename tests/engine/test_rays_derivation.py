@@ -18,7 +18,7 @@ from tests.oracle.rays_steps import (
     rotation_to,
 )
 
-SEEDS = range(36)
+SEEDS = range(24)
 CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 33)), np.sin(np.linspace(0, 2 * np.pi, 33))])
 
 

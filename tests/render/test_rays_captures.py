@@ -69,10 +69,10 @@ def test_patches_of_views_are_the_oracles(rays: Renderer, shared_data: Path, nam
 def test_whole_views_are_the_oracles(rays: Renderer, shared_data: Path, name: str) -> None:
     """640 × 480; measured 102 to 138 dB."""
     scene, cameras = capture(shared_data, name)
-    for camera in (cameras[0], cameras[3], inside(cameras[0], scene, 0.8), inside(cameras[2], scene, 1.0)):
-        for settings in (AS_TRAINED, PLAIN):
-            wanted = oracle(scene, camera, dilation_px2=settings.dilation_px2)
-            assert psnr(rays.render(scene, camera, settings).rgba, wanted.rgba) > 80  # 50 is promised
+    views = ((cameras[0], AS_TRAINED), (cameras[3], PLAIN), (inside(cameras[2], scene, 1.0), PLAIN))
+    for camera, settings in views:
+        wanted = oracle(scene, camera, dilation_px2=settings.dilation_px2)
+        assert psnr(rays.render(scene, camera, settings).rgba, wanted.rgba) > 80  # 50 is promised
 
 
 @pytest.mark.parametrize("name", CAPTURES)
