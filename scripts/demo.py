@@ -30,7 +30,7 @@ UP_AXES = {"x": "X", "y": "Y", "z": "Z", "-x": "NEGATIVE_X", "-y": "NEGATIVE_Y",
 FRAMES_PER_SECOND = 24
 FOCAL_ANGLE = math.radians(36)  # vertical field of view
 # First and last frame: turn around the up axis and height above the horizon [rad], distance [of the framing one].
-MOVE = ((math.radians(-42), math.radians(28), 1.0), (math.radians(34), math.radians(12), 0.78))
+MOVE = ((math.radians(-42), math.radians(28), 1.0), (math.radians(34), math.radians(12), 0.85))
 LOWERED = 0.1  # of the framing's radius: a subject stands on something that fills the lower half of the picture
 BACKDROP = (0.012, 0.014, 0.018)  # scene-linear
 TERMINAL = os.fdopen(os.dup(1), "w", encoding="utf-8")
