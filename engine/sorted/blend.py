@@ -47,7 +47,7 @@ BLEND_ROW_NATIVE = f"""
         const i16 inside = (power >= place[3]) & open;
         blends += 16;
         if (!__builtin_reduce_or(inside)) continue;
-        // exp by 2^n · 2^f, f in [-1/2, 1/2], to 2e-7; power is never below ln(alpha_min) where it counts.
+        // exp by 2^n · 2^f, f in [-1/2, 1/2], to 5e-7; power is never below ln(alpha_min) where it counts.
         f16 t = __builtin_elementwise_max(power, (f16)(-80.0f)) * 1.44269504f;
         const f16 n = __builtin_elementwise_floor(t + 0.5f);
         t -= n;
