@@ -11,9 +11,17 @@ import atexit
 import bpy
 
 from . import properties, render_engine, residency, ui
-from .operators import apply_transform, import_splats
+from .operators import apply_transform, import_cameras, import_splats
 
-PARTS = (properties, residency, import_splats, apply_transform, render_engine, ui)  # in order; undone in reverse
+PARTS = (  # in order; undone in reverse
+    properties,
+    residency,
+    import_splats,
+    import_cameras,
+    apply_transform,
+    render_engine,
+    ui,
+)
 
 
 def register() -> None:
