@@ -11,17 +11,18 @@ import atexit
 import bpy
 
 from . import graphics, properties, render_engine, residency, ui
-from .operators import apply_transform, import_splats
+from .operators import apply_transform, import_cameras, import_splats
 
-PARTS = (
+PARTS = (  # in order; undone in reverse
     properties,
     residency,
     graphics,
     import_splats,
+    import_cameras,
     apply_transform,
     render_engine,
     ui,
-)  # in order; undone in reverse
+)
 
 
 def register() -> None:

@@ -30,8 +30,9 @@ def option(name: str, help_text: str, **kind: Any) -> Decorator:
 
 
 VIEW_OPTIONS = (
-    option("--camera", "INRIA cameras.json or nerfstudio transforms.json. Without INDEX: camera 0, or all of them, "
-           "numbered from 0, when --out has a place for a number.", callback=camera_of, metavar="FILE[:INDEX]"),
+    option("--camera", "INRIA cameras.json, nerfstudio transforms.json or the folder of a COLMAP model. Without INDEX: "
+           "camera 0, or all of them, numbered from 0, when --out has a place for a number.", callback=camera_of,
+           metavar="FILE[:INDEX]"),
     option("--orbit", "N views on a circle around the capture, numbered from 0.", type=AT_LEAST_1, metavar="N"),
     option("--up", "Up axis of the capture, where --camera is not given.", type=click.Choice(tuple(UP_AXES)),
            default="-y"),

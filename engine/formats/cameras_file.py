@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Camera files: which layout a JSON file has, and what the layouts share.
+"""Camera files: which layout a path has, and what the layouts share.
 
-| layout                       | told by                     | read by              |
-|------------------------------|-----------------------------|----------------------|
-| INRIA `cameras.json`         | a list of objects           | `cameras_inria`      |
-| nerfstudio `transforms.json` | an object with `frames`     | `cameras_nerfstudio` |
+| layout                       | told by                                       | read by              |
+|------------------------------|-----------------------------------------------|----------------------|
+| COLMAP sparse model          | a folder, or `cameras`/`images` `.bin`/`.txt` | `cameras_colmap`     |
+| INRIA `cameras.json`         | JSON: a list of objects                       | `cameras_inria`      |
+| nerfstudio `transforms.json` | JSON: an object with `frames`                 | `cameras_nerfstudio` |
 """
 
 from __future__ import annotations
@@ -15,14 +16,16 @@ from pathlib import Path
 
 from ..camera import Camera
 from ..errors import StippleError
-from . import cameras_inria, cameras_nerfstudio
+from . import cameras_colmap, cameras_inria, cameras_nerfstudio
+from .cameras_entry import Entry
 from .source_file import open_source
 
 
 @dataclass(frozen=True)
 class CameraFile:
-    """What a camera file holds, in the file's order.
+    """What a camera file holds, in the file's order; a COLMAP model's views are sorted by name.
 
+    - `path`: the file, or the folder in which a COLMAP model lies.
     - `names`: the image each camera belongs to, as the file gives it.
     - `warnings`: sentences about what the file asks for and Stipple leaves out, each once.
     """
@@ -32,6 +35,11 @@ class CameraFile:
     names: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
+    @property
+    def folder(self) -> Path:
+        """Where the file lies; what it says about other files is relative to this."""
+        return self.path if self.path.is_dir() else self.path.parent
+
     def camera(self, index: int) -> Camera:
         """The camera at `index`, from 0. Raises StippleError outside the file."""
         if not 0 <= index < len(self.cameras):
@@ -40,22 +48,17 @@ class CameraFile:
 
 
 def read_camera_file(path: str | Path) -> CameraFile:
-    """Reads every camera of an INRIA `cameras.json` or a nerfstudio `transforms.json`.
+    """Reads every camera of a COLMAP model, an INRIA `cameras.json` or a nerfstudio `transforms.json`.
 
-    The layout is told by the content, not by the name. Raises StippleError, with the file and the property, for a
-    file that cannot be opened, is not JSON, has another layout, lacks a key or holds a value no camera can have.
+    `path` is a JSON file, whose layout is told by its content and not by its name, or a COLMAP model (see
+    `cameras_colmap.parse`). Raises StippleError, with the file and the property, for a file that cannot be opened, is
+    damaged, has another layout, lacks a key or holds a value no camera can have.
     """
     path = Path(path)
-    document = _load_json(path)
-    if isinstance(document, list):
-        found = cameras_inria.parse(document, path)
-    elif isinstance(document, dict) and isinstance(document.get("frames"), list):
-        found = cameras_nerfstudio.parse(document, path)
+    if cameras_colmap.is_model(path):
+        path, found = cameras_colmap.parse(path)
     else:
-        raise StippleError(
-            f"{path}: this is not a camera file; give an INRIA cameras.json (a list of cameras) "
-            f'or a nerfstudio transforms.json (an object with "frames").'
-        )
+        found = _parse_json(path)
     if not found:
         raise StippleError(f"{path}: there are no cameras in it; choose a file with at least one.")
     return CameraFile(
@@ -69,6 +72,18 @@ def read_camera_file(path: str | Path) -> CameraFile:
 def read_cameras(path: str | Path) -> tuple[Camera, ...]:
     """The cameras of `read_camera_file`, for callers that show no warnings."""
     return read_camera_file(path).cameras
+
+
+def _parse_json(path: Path) -> list[Entry]:
+    document = _load_json(path)
+    if isinstance(document, list):
+        return cameras_inria.parse(document, path)
+    if isinstance(document, dict) and isinstance(document.get("frames"), list):
+        return cameras_nerfstudio.parse(document, path)
+    raise StippleError(
+        f"{path}: this is not a camera file; give an INRIA cameras.json (a list of cameras), "
+        f'a nerfstudio transforms.json (an object with "frames") or the folder of a COLMAP model.'
+    )
 
 
 def _load_json(path: Path) -> object:

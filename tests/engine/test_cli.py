@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from stipple.engine.formats import write_splats
+from stipple.engine.formats.cameras_file import read_cameras
 from stipple.engine.splats import SplatCloud
+from tests.colmap_files import Lens, view_of, write_binary
 
 pytest.importorskip("click")
 pytest.importorskip("rich")
@@ -207,6 +209,20 @@ def test_all_cameras_of_a_file_are_numbered(capture: Path, cameras: Path, tmp_pa
     coverage = [picture_of(tmp_path / "all" / f"v0{index}.npy")[..., 3].sum(axis=0) for index in range(3)]
     middles = [float(np.average(np.arange(40), weights=columns)) for columns in coverage]
     assert middles[0] - 2 > middles[1] > middles[2] + 2  # the cameras step to the right, the capture to the left
+
+
+def test_colmap_models_are_cameras_too(capture: Path, cameras: Path, tmp_path: Path) -> None:
+    """The three cameras of the JSON file as a COLMAP model: the same pictures, by index and numbered."""
+    lens = Lens(1, "PINHOLE", 40, 30, (30.0, 30.0, 20.0, 15.0))
+    views = [view_of(index, camera, f"{index}.png") for index, camera in enumerate(read_cameras(cameras))]
+    model = write_binary(tmp_path / "ball" / "sparse" / "0", [lens], views[::-1])
+    common = ["render", str(capture), "--method", "sorted", "--device", "cpu", "--quiet", "--camera"]
+    assert main([*common, f"{cameras}:2", "--out", str(tmp_path / "json.npy")]) == 0
+    for name, path in (("folder", tmp_path / "ball"), ("model", model), ("file", model / "images.bin")):
+        assert main([*common, f"{path}:2", "--out", str(tmp_path / f"{name}.npy")]) == 0
+        np.testing.assert_allclose(picture_of(tmp_path / f"{name}.npy"), picture_of(tmp_path / "json.npy"), atol=1e-5)
+    assert main([*common, str(model), "--out", str(tmp_path / "all" / "v#.npy")]) == 0
+    assert sorted(path.name for path in (tmp_path / "all").iterdir()) == ["v0.npy", "v1.npy", "v2.npy"]
 
 
 def test_orbit_and_background(capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
