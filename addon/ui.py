@@ -43,7 +43,8 @@ class RENDER_PT_stipple_sampling(StipplePanel, bpy.types.Panel):
         column = self._column()
         column.prop(b_stipple, "method")
         if b_stipple.method == "POINTS":
-            column.prop(b_stipple, "samples")
+            column.prop(b_stipple, "viewport_samples")
+            column.prop(b_stipple, "samples", text="Render Samples")
         column.prop(b_stipple, "supersampling")
         if b_stipple.method == "POINTS":
             column.prop(b_stipple, "seed")
