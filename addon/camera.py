@@ -73,7 +73,7 @@ def camera_from_blender(
     fx = fit_px / b_camera.ortho_scale if orthographic else fit_px * b_camera.lens / sensor_mm
     matrix = b_camera_object.matrix_world if world_from_camera is None else world_from_camera
     return Camera(
-        camera_from_world=_camera_from_world(matrix, b_camera_object.name),
+        camera_from_world=camera_from_world(matrix, b_camera_object.name),
         width=width,
         height=height,
         fx=fx,
@@ -99,7 +99,11 @@ def _fit(b_camera: Any, width: int, height: int, aspect_x: float, aspect_y: floa
     return fit_px, b_camera.sensor_height if b_camera.sensor_fit == "VERTICAL" else b_camera.sensor_width
 
 
-def _camera_from_world(matrix: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
+def camera_from_world(matrix: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
+    """The engine's (3, 4) `camera_from_world` of a camera object's matrix, its scale taken out axis by axis.
+
+    Raises StippleError where an axis has no length or the axes are flattened.
+    """
     world_from_camera = np.array(matrix, dtype=np.float64)
     length = np.linalg.norm(world_from_camera[:3, :3], axis=0)
     if not np.isfinite(world_from_camera).all() or not (length > 0).all():

@@ -48,6 +48,14 @@ class StippleSceneSettings(bpy.types.PropertyGroup):
         soft_max=1024,
         max=1 << 24,
     )
+    viewport_samples: IntProperty(  # type: ignore[valid-type]
+        name="Viewport Samples",
+        description="Number of random point sets averaged in the viewport; it rests when they are done",
+        default=16,
+        min=1,
+        soft_max=256,
+        max=1 << 24,
+    )
     supersampling: IntProperty(  # type: ignore[valid-type]
         name="Supersampling",
         description="Subpixels along each side of a pixel, averaged; smooths edges and fine detail",

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The render engine as Blender sees it: thin, without state of its own between frames.
 
-Viewport drawing is not defined yet: in Rendered shading Blender shows overlays only.
+Blender makes one engine object per final render and one per viewport; the latter keeps its Viewport until it ends.
 """
 
 from __future__ import annotations
 
 import logging
 import time
+import weakref
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -19,17 +20,19 @@ from ..engine.scene import Scene
 from ..engine.settings import Settings
 from . import output, residency, sync
 from .camera import camera_from_blender
+from .viewport_draw import Viewport
 
 if TYPE_CHECKING:
     from ..engine.film import Picture
 
 ENGINE_ID = "STIPPLE"
+SHOW_INTERVAL = 2.0  # [s] between unfinished pictures in the render window
 STATS_INTERVAL = 0.25  # [s] between status lines: each is a line of the log in background renders
 log = logging.getLogger(__package__)
 
 
 class StippleRenderEngine(bpy.types.RenderEngine):
-    """Final frames of Gaussian splat captures."""
+    """Final frames and viewports of Gaussian splat captures."""
 
     bl_idname = ENGINE_ID
     bl_label = "Stipple"
@@ -39,6 +42,19 @@ class StippleRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:
         output.register_passes(self, scene, renderlayer)
+
+    def view_update(self, context: Any, depsgraph: Any) -> None:
+        self._of_viewport().update(context, depsgraph)
+
+    def view_draw(self, context: Any, depsgraph: Any) -> None:
+        self._of_viewport().draw(self, context, depsgraph)
+
+    def _of_viewport(self) -> Viewport:
+        viewport = self.__dict__.get("_viewport")
+        if viewport is None or viewport.session.closed:
+            viewport = self.__dict__["_viewport"] = Viewport(self)
+            weakref.finalize(self, viewport.close).atexit = False  # Blender frees the engine with its viewport
+        return viewport
 
     def render(self, depsgraph: Any) -> None:
         # An exception that leaves this function makes Blender save a black frame and go on: none may.
@@ -94,29 +110,38 @@ def render_view_layer(b_engine: Any, depsgraph: Any) -> None:
     scene, warnings = sync.scene_from_depsgraph(depsgraph, residency.clouds)
     if not scene.instances:
         warnings += (f"No capture is visible in the view layer {layer!r}; the frame shows the background only.",)
-    if not residency.is_warm(settings.device):
-        b_engine.update_stats("", "Starting the renderer; the very first time it compiles kernels")
-    renderer = residency.renderer_for(settings.device)
-    for index, (view, camera) in enumerate(cameras.items()):
-        progress = Progress(b_engine, index / len(cameras), 1 / len(cameras))
-        for picture in _pictures(renderer, scene, camera, settings, progress):
-            output.write_picture(b_engine, picture, layer, view, sync.working_space())
-            warnings += picture.stats.warnings
-            peak_mib = picture.stats.peak_bytes / 2**20
-            b_engine.update_memory_stats(memory_used=peak_mib, memory_peak=peak_mib)
+    begin = Progress(b_engine, 0.0, 0.0)
+    with residency.worker.final_render(lambda: begin(0.0, "waiting for the viewport")):
+        residency.prepare(settings.device, settings.method, begin)
+        renderer = residency.renderer_for(settings.device)
+        for index, (view, camera) in enumerate(cameras.items()):
+            progress = Progress(b_engine, index / len(cameras), 1 / len(cameras))
+            for picture in _pictures(renderer, scene, camera, settings, progress):
+                output.write_picture(b_engine, picture, layer, view, sync.working_space())
+                warnings += picture.stats.warnings
+                peak_mib = picture.stats.peak_bytes / 2**20
+                b_engine.update_memory_stats(memory_used=peak_mib, memory_peak=peak_mib)
     for warning in dict.fromkeys(warnings):
         b_engine.report({"WARNING"}, warning)
 
 
 def _pictures(renderer: Any, scene: Scene, camera: Camera, settings: Settings, progress: Progress) -> Iterator[Picture]:
-    """The finished picture. When the user cancels, what is done of it, and Cancelled after that."""
+    """The finished picture; before it, with a window to look at, what is done so far every now and then.
+
+    When the user cancels, what is done, and Cancelled after that.
+    """
     from ..engine.renderer import Frame
 
     try:
         frame = Frame(renderer, scene, camera, settings, progress)
+        shown = time.monotonic() - SHOW_INTERVAL  # the first sample is shown at once
         try:
             for sample in range(frame.sample_count):
                 frame.render_sample(sample)
+                unfinished = frame.film.samples < frame.sample_count
+                if unfinished and not bpy.app.background and time.monotonic() - shown >= SHOW_INTERVAL:
+                    yield frame.resolve()
+                    shown = time.monotonic()
         except Cancelled:
             if frame.film.samples:
                 yield frame.resolve()

@@ -8,15 +8,17 @@ is loaded and when the add-on is disabled.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ..engine.splats import SplatCloud
-from .splat_data import CloudKey, cloud_from_datablock, key_of
+from .splat_data import CloudKey, cloud_from_datablock, key_of, splat_count_of
+from .viewport_worker import ViewportWorker
 
 if TYPE_CHECKING:
     from ..engine.renderer import Renderer
@@ -35,6 +37,7 @@ class CloudCache:
 
     def __init__(self) -> None:
         self._entries: dict[CloudKey, Entry] = {}
+        self._alive: WeakValueDictionary[CloudKey, SplatCloud] = WeakValueDictionary()  # dropped here, in use elsewhere
         self._last_read: dict[CloudKey, int] = {}
         self._read = 0
         self._key_of_address: dict[int, CloudKey] = {}
@@ -66,7 +69,11 @@ class CloudCache:
         if key is None:
             key = self._key_of_address[address] = key_of(b_data, name)
         if key not in self._entries:
-            self._entries[key] = cloud_from_datablock(b_data, name)
+            alive = self._alive.get(key)
+            self._entries[key] = (alive, 0) if alive is not None else cloud_from_datablock(b_data, name)
+            cloud, dropped = self._entries[key]
+            if cloud is not None and not dropped:
+                self._alive[key] = cloud
         self._last_read[key] = self._read
         return self._entries[key]
 
@@ -76,17 +83,59 @@ class CloudCache:
         self._key_of_address.clear()
 
 
+class EvaluatedClouds:
+    """The clouds of one viewport, where a depsgraph stays and says what changed: nothing else is read again."""
+
+    def __init__(self, cache: CloudCache) -> None:
+        self._cache = cache
+        self._known: dict[tuple[int, int, int], Entry] = {}
+        self._seen: dict[tuple[int, int, int], Entry] = {}
+        self._changed: Collection[int] = ()
+
+    @contextmanager
+    def reading(self, changed: Collection[int]) -> Iterator[None]:
+        """Brackets one reading; `changed` are the session_uids of objects and data whose geometry is new."""
+        self._changed, self._seen = changed, {}
+        with self._cache.reading():
+            yield
+        self._known = self._seen
+
+    def cloud_of(self, b_data: Any, name: str, uids: Collection[int]) -> Entry:
+        """As CloudCache.cloud_of; `uids` are those of the original data, object and instancing object."""
+        place = (b_data.as_pointer(), b_data.original.session_uid, splat_count_of(b_data))
+        entry = self._seen.get(place)
+        if entry is None and not any(uid in self._changed for uid in uids):
+            entry = self._known.get(place)
+        self._seen[place] = entry or self._cache.cloud_of(b_data, name)
+        return self._seen[place]
+
+
 clouds = CloudCache()
-_renderers: dict[str, Renderer] = {}  # by device; at most one
+_renderers: dict[str, Renderer] = {}  # of final renders, by device; at most one
+_prepared: set[tuple[str, str]] = set()
 
 
-def is_warm(device: str) -> bool:
-    """Whether the renderer for a device exists: if not, the next render may have to compile kernels first."""
-    return device in _renderers
+def prepare(device: str, method: str, progress: Callable[[float, str], None]) -> None:
+    """Imports Warp and loads the kernels of a method, which compiles them the very first time; `progress` may raise.
+
+    Only inside `worker.final_render` or in the worker's thread. Raises StippleError for a device that is not there.
+    """
+    if (device, method) in _prepared:
+        return
+    progress(0.0, "starting")
+    _keep_kernels_in_extension_folder()
+    from ..engine.device import choose_device
+    from ..engine.warm_up import load_kernels
+
+    load_kernels(choose_device(device), method, progress)
+    _prepared.add((device, method))
+
+
+worker = ViewportWorker(prepare)
 
 
 def renderer_for(device: str) -> Renderer:
-    """The renderer for a device; changing the device frees the one before. Imports Warp on first use."""
+    """The renderer of final renders for a device; changing the device frees the one before. Imports Warp."""
     if device not in _renderers:
         free_renderer()
         _keep_kernels_in_extension_folder()
@@ -98,19 +147,20 @@ def renderer_for(device: str) -> Renderer:
 
 
 def free_renderer() -> None:
-    """Gives back the device memory and ends the worker threads; the next render starts and uploads again."""
+    """Gives back the device memory of final renders; the next one uploads again."""
     while _renderers:
-        _, renderer = _renderers.popitem()
-        renderer.free()
-        from ..engine.device import close_pools
-
-        close_pools()
+        _renderers.popitem()[1].free()
 
 
 def free() -> None:
-    """Drops every cloud and renderer."""
+    """Drops every viewport, cloud and renderer and ends all threads."""
+    worker.stop()
     free_renderer()
     clouds.free()
+    if _prepared:  # else Warp was never imported
+        from ..engine.device import close_pools
+
+        close_pools()
 
 
 def _keep_kernels_in_extension_folder() -> None:

@@ -180,6 +180,10 @@ def _unit(rotation: FloatArray, usable: npt.NDArray[np.bool_]) -> FloatArray:
 
 
 def _display_radius(cloud: SplatCloud) -> FloatArray:
-    """Point radii for solid mode [object units]: mean scales, large ones cut so that none hides the rest."""
-    radius = cloud.scale.mean(axis=1)
-    return np.minimum(radius, 2 * np.median(radius)).astype(np.float32)
+    """Point radii for solid mode [object units], so large that points of a surface touch.
+
+    Then the outline of a selected capture runs around it and not around every point. Large splats are cut so that none
+    hides the rest.
+    """
+    radius = 2.5 * np.median(cloud.scale, axis=1)
+    return np.minimum(radius, 4 * np.median(radius)).astype(np.float32)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -11,7 +13,7 @@ import numpy as np
 from ..engine.colour import display_from_scene_linear
 from ..engine.scene import Instance, Scene
 from ..engine.settings import Settings
-from .residency import CloudCache
+from .residency import CloudCache, Entry, EvaluatedClouds
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
 ALL_SH_DEGREES = 4
@@ -26,22 +28,53 @@ def scene_from_depsgraph(depsgraph: Any, cache: CloudCache) -> tuple[Scene, tupl
     Visibility*) and instances squashed to nothing are skipped. Raises StippleError for a capture with broken
     attributes.
     """
+    with cache.reading(keep=sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1):
+        instances, warnings = _instances(
+            depsgraph, lambda b_instance, b_object: cache.cloud_of(b_object.data, b_object.name)
+        )
+    return Scene(instances, background_of(depsgraph.scene)), warnings
+
+
+def viewport_instances(
+    depsgraph: Any, b_space: Any, known: EvaluatedClouds, changed: Collection[int]
+) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    """As `scene_from_depsgraph` for what one viewport shows: local view and the viewport's object types count.
+
+    Reads again only captures that are new or whose geometry is in `changed` (session_uids).
+    """
+
+    def cloud_of(b_instance: Any, b_object: Any) -> Entry:
+        b_shown = b_instance.parent if b_instance.is_instance else b_object
+        if not b_shown.visible_in_viewport_get(b_space):
+            return None, 0
+        uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
+        return known.cloud_of(b_object.data, b_object.name, uids)
+
+    with known.reading(changed):
+        return _instances(depsgraph, cloud_of)
+
+
+def changed_geometry(depsgraph: Any) -> set[int]:
+    """The session_uids of what the depsgraph's last update gave new geometry."""
+    return {b_update.id.original.session_uid for b_update in depsgraph.updates if b_update.is_updated_geometry}
+
+
+def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Entry]) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     instances: list[Instance] = []
     warnings: dict[str, None] = {}
-    with cache.reading(keep=sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1):
-        for b_instance in depsgraph.object_instances:
-            b_object = b_instance.object
-            if not _is_visible_capture(b_instance, b_object):
-                continue
-            matrix = np.array(b_instance.matrix_world, dtype=np.float64)[:3]
-            if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix[:, :3]) < 2:
-                continue
-            cloud, dropped = cache.cloud_of(b_object.data, b_object.name)
-            if dropped:
-                warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
-            if cloud is not None:
-                instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index))
-    return Scene(tuple(instances), background_of(depsgraph.scene)), tuple(warnings)
+    for b_instance in depsgraph.object_instances:
+        b_object = b_instance.object
+        if not _is_visible_capture(b_instance, b_object):
+            continue
+        matrix = np.array(b_instance.matrix_world, dtype=np.float64)[:3]
+        if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix[:, :3]) < 2:
+            continue
+        cloud, dropped = cloud_of(b_instance, b_object)
+        if dropped:
+            warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
+        if cloud is not None:
+            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index))
+    return tuple(instances), tuple(warnings)
 
 
 def settings_from_scene(b_scene: Any) -> Settings:
@@ -59,6 +92,15 @@ def settings_from_scene(b_scene: Any) -> Settings:
         alpha_max=b_stipple.alpha_max,
         ray_order=b_stipple.ray_order.lower(),
     )
+
+
+def viewport_settings(b_scene: Any) -> Settings:
+    """As `settings_from_scene`, with the viewport's own number of samples; *sorted* stands in for *rays*.
+
+    The viewport renders on a thread of its own, where Blender's graphics context may not be used.
+    """
+    settings = replace(settings_from_scene(b_scene), samples=b_scene.stipple.viewport_samples)
+    return replace(settings, method="sorted") if settings.method == "rays" else settings
 
 
 def background_of(b_scene: Any) -> tuple[float, float, float] | None:

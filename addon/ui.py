@@ -48,7 +48,8 @@ class RENDER_PT_stipple_sampling(StipplePanel, bpy.types.Panel):
             b_stipple.method == "RAYS" and b_stipple.ray_order == "STOCHASTIC"
         )
         if accumulates:
-            column.prop(b_stipple, "samples")
+            column.prop(b_stipple, "viewport_samples")
+            column.prop(b_stipple, "samples", text="Render Samples")
         column.prop(b_stipple, "supersampling")
         if accumulates:
             column.prop(b_stipple, "seed")

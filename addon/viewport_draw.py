@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One viewport of Blender: reads what it shows, aims its session, draws what is done; in the interface's thread."""
+
+from __future__ import annotations
+
+import weakref
+from typing import Any
+
+from ..engine.errors import StippleError
+from ..engine.scene import Instance, Scene
+from . import residency, sync
+from .view_camera import view_of
+from .viewport import Aim, ViewportSession
+
+SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
+
+
+class Viewport:
+    """Belongs to the RenderEngine object of one viewport and ends with it."""
+
+    def __init__(self, b_engine: Any) -> None:
+        engine_or_none = weakref.ref(b_engine)  # a reference would keep Blender from ending the engine
+
+        def redraw() -> None:
+            b_engine = engine_or_none()
+            if b_engine is not None:
+                b_engine.tag_redraw()
+
+        from .display import Display  # the gpu module needs a window
+
+        self.session = ViewportSession(redraw)
+        self._display = Display()
+        self._known = residency.EvaluatedClouds(residency.clouds)
+        self._instances: tuple[Instance, ...] = ()
+        self._scene = Scene(())
+        self._visibility: tuple[object, ...] | None = None
+        self._notice = ""  # about what was read: a problem, or what is left out
+        residency.worker.add(self.session)
+
+    def update(self, context: Any, depsgraph: Any) -> None:
+        """Reads the scene again after a change; captures that did not change are kept."""
+        self._read(context, depsgraph, sync.changed_geometry(depsgraph))
+
+    def draw(self, b_engine: Any, context: Any, depsgraph: Any) -> None:
+        """Draws the newest picture and sees whether it is still of what the viewport looks at."""
+        b_space, b_scene = context.space_data, depsgraph.scene
+        if self._visibility != _visibility(b_space):
+            self._read(context, depsgraph, ())
+        problem = self._aim(context, b_scene)
+        texts = (problem or self.session.status(), self._notice)
+        b_engine.update_stats("Stipple", " | ".join(text for text in texts if text))
+        picture = self.session.take()
+        if picture is not None:
+            self._display.draw(b_engine, b_scene, picture, (context.region.width, context.region.height))
+        residency.worker.wake()
+
+    def close(self) -> None:
+        self.session.close()
+        residency.worker.wake()
+
+    def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
+        self._visibility = _visibility(context.space_data)
+        try:
+            self._instances, warnings = sync.viewport_instances(depsgraph, context.space_data, self._known, changed)
+            self._notice = warnings[0] if warnings else ""
+        except StippleError as error:
+            self._instances, self._notice = (), str(error)
+        except MemoryError:
+            self._instances, self._notice = (), "Stipple ran out of memory; hide some captures."
+        self._scene = Scene(self._instances, self._scene.background)
+
+    def _aim(self, context: Any, b_scene: Any) -> str:
+        """Tells the session what to show; returns what is wrong with the view or the settings, mostly nothing."""
+        background = sync.background_of(b_scene)
+        if background != self._scene.background:
+            self._scene = Scene(self._instances, background)
+        try:
+            view = view_of(context, b_scene)
+            aim = Aim(self._scene, view, sync.viewport_settings(b_scene), sync.working_space())
+            view.camera()  # raises for a view that has no picture
+        except StippleError as error:
+            return str(error)
+        if self.session.aim_at(aim):
+            residency.worker.wake()  # at once, not after drawing
+            self.session.wait_a_moment()
+        return ""
+
+
+def _visibility(b_space: Any) -> tuple[object, ...]:
+    """What a viewport shows or hides by itself, without telling the depsgraph."""
+    shown = (getattr(b_space, name, None) for name in SHOWN_TYPES)
+    return (b_space.local_view is not None, b_space.use_local_collections, *shown)

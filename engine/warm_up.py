@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Loads a method's kernels before they are needed, module by module, so that a host can say what takes so long.
+
+The first load on a machine compiles, which takes seconds to a minute; later ones read Warp's cache in milliseconds.
+Loading one module from two threads at once would compile it twice: hosts call `load_kernels` from one thread at a time.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from types import ModuleType
+
+import warp as wp
+
+from . import renderer
+
+PACKAGE = __name__.rpartition(".")[0]
+CUDA_ONLY = "_cuda"  # how the name of a module ends whose kernels no CPU runs
+
+
+def load_kernels(device: wp.Device, method: str, progress: Callable[[float, str], None]) -> None:
+    """Compiles what is not in Warp's cache and loads the rest; does nothing for modules that are loaded.
+
+    `progress(fraction, text)` is called before each module and may raise `Cancelled`.
+    """
+    modules = kernel_modules(method, device.is_cuda)
+    for index, module in enumerate(modules):
+        progress(index / len(modules), f"preparing kernels {index + 1}/{len(modules)}, slow only the first time")
+        wp.load_module(module, device=device)
+
+
+def kernel_modules(method: str, cuda: bool) -> list[ModuleType]:
+    """The engine's modules with kernels that `method` launches on a CPU or on CUDA."""
+    others = tuple(f"{PACKAGE}.{name}." for name in renderer.METHOD_FRAMES if name != method)
+    modules = []
+    for name, module in sorted(sys.modules.items()):
+        if not name.startswith(PACKAGE + ".") or name.startswith(others) or (name.endswith(CUDA_ONLY) and not cuda):
+            continue
+        if any(isinstance(value, wp.Kernel) and value.module.name == name for value in vars(module).values()):
+            modules.append(module)
+    return modules
