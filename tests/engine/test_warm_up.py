@@ -29,6 +29,8 @@ def one_splat() -> Scene:
 
 @pytest.mark.parametrize("method", METHOD_FRAMES)
 def test_a_render_needs_no_module_that_was_not_loaded_before(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if method == "rays":
+        pytest.importorskip("moderngl")
     texts: list[str] = []
     load_kernels(choose_device("cpu"), method, lambda fraction, text: texts.append(f"{fraction:.2f} {text}"))
     loaded = {module.__name__ for module in kernel_modules(method, cuda=False)}
