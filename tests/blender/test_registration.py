@@ -44,7 +44,7 @@ def test_register_again_after_unregister() -> None:
         )
         stipple.register()
         assert "STIPPLE" in engine_ids()
-        assert bpy.context.scene.stipple.method == "POINTS"
+        assert bpy.context.scene.stipple.method == "SORTED"
     assert len(bpy.app.handlers.load_pre) == handlers
 
 

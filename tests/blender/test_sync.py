@@ -198,14 +198,15 @@ def test_settings_follow_the_scene() -> None:
     b_scene = bpy.context.scene
     defaults = settings_from_scene(b_scene)
     assert (defaults.method, defaults.device, defaults.sh_degree, defaults.points_per_thread) == (
-        "points",
+        "sorted",
         "auto",
         None,
         1,
     )
     assert defaults.alpha_max == pytest.approx(0.99)
     for name, value in {
-        "method": "SORTED",
+        "method": "POINTS",
+        "ray_order": "STOCHASTIC",
         "samples": 9,
         "supersampling": 3,
         "seed": 5,
@@ -216,7 +217,8 @@ def test_settings_follow_the_scene() -> None:
     }.items():
         setattr(b_scene.stipple, name, value)
     settings = settings_from_scene(b_scene)
-    assert (settings.method, settings.samples, settings.supersampling, settings.seed) == ("sorted", 9, 3, 5)
+    assert (settings.method, settings.samples, settings.supersampling, settings.seed) == ("points", 9, 3, 5)
+    assert settings.ray_order == "stochastic"
     assert (settings.device, settings.sh_degree, settings.antialiased, settings.points_per_thread) == (
         "cpu",
         1,
