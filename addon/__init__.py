@@ -10,13 +10,13 @@ import atexit
 
 import bpy
 
-from . import graphics, properties, render_engine, residency, ui
+from . import graphics_context, properties, render_engine, residency, ui
 from .operators import apply_transform, import_cameras, import_splats
 
 PARTS = (  # in order; undone in reverse
     properties,
     residency,
-    graphics,
+    graphics_context,
     import_splats,
     import_cameras,
     apply_transform,

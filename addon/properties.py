@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from . import graphics
+from . import graphics_context
 
 METHODS = (
     ("POINTS", "Points", "Scatter each splat as random opaque points; the picture gets cleaner with every sample"),
@@ -27,7 +27,7 @@ DEVICES = (
 
 
 def _method_changed(_b_settings: Any, _context: Any) -> None:
-    graphics.follow_the_file()
+    graphics_context.follow_the_file()
 
 
 class StippleSceneSettings(bpy.types.PropertyGroup):

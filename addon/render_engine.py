@@ -37,7 +37,7 @@ class StippleRenderEngine(bpy.types.RenderEngine):
     bl_idname = ENGINE_ID
     bl_label = "Stipple"
     bl_use_preview = False
-    bl_use_gpu_context = False  # see graphics
+    bl_use_gpu_context = False  # see graphics_context
     bl_use_shading_nodes_custom = False  # the world's shader nodes are Blender's own
 
     def update_render_passes(self, scene: Any = None, renderlayer: Any = None) -> None:

@@ -6,14 +6,12 @@ Measured on llvmpipe: 90 to 139 dB where 80 is asked; a pixel where ω falls on 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
 from stipple.engine.camera import Camera
-from stipple.engine.errors import StippleError
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
@@ -25,18 +23,6 @@ from tests.stats.image_metrics import psnr
 from tests.stats.z_test import tile_groups, z_test
 
 FILTERS = [(0.0, False), (0.3, False), (0.1, True)]
-
-
-@pytest.fixture(scope="module")
-def rays() -> Iterator[Renderer]:
-    pytest.importorskip("moderngl")
-    try:
-        renderer = Renderer("cpu")
-        renderer.raster()
-    except StippleError as error:
-        pytest.skip(str(error))
-    yield renderer
-    renderer.free()
 
 
 def plain(**changes: Any) -> Settings:

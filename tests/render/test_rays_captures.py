@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from stipple.engine.camera import Camera
-from stipple.engine.errors import StippleError
 from stipple.engine.formats import read_splats
 from stipple.engine.formats.cameras_file import read_cameras
 from stipple.engine.renderer import Renderer
@@ -26,18 +24,6 @@ AS_TRAINED = Settings(method="rays", dilation_px2=0.3)
 SORTED = Settings(method="sorted")
 PLAIN = Settings(method="rays", dilation_px2=0.0)
 MIP = Settings(method="rays", dilation_px2=0.05, antialiased=True)
-
-
-@pytest.fixture(scope="module")
-def rays() -> Iterator[Renderer]:
-    pytest.importorskip("moderngl")
-    try:
-        renderer = Renderer("cpu")
-        renderer.raster()
-    except StippleError as error:
-        pytest.skip(str(error))
-    yield renderer
-    renderer.free()
 
 
 def capture(shared_data: Path, name: str) -> tuple[Scene, tuple[Camera, ...]]:
