@@ -77,7 +77,7 @@ def test_coincident_splats_of_equal_depth_keep_their_order(renderer: Renderer) -
         both = cloud_of([(0, 0, depth)] * 2, 20 * depth / FOCAL_PX, [0.6, 0.5], [RED, GREEN])
         apart = scene_of(wide_splat(0.6, RED, depth), wide_splat(0.5, GREEN, depth))
         for scene in (scene_of(both), apart):
-            for settings, tolerance in ((SORTED, 1e-3), (points(), five_sigma(0.5, TRIALS) + 1e-3)):
+            for settings, tolerance in ((SORTED, 1e-3), (points(64), five_sigma(0.5, 64 * 16) + 1e-3)):
                 pixel = renderer.render(scene, front_camera(), settings).rgba[CENTRE]
                 assert abs(pixel[0] - 0.6) < tolerance and abs(pixel[1] - 0.2) < tolerance
 
