@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import warp as wp
@@ -48,13 +49,15 @@ class Buffers:
             self.peak_bytes = max(self.peak_bytes, self.held_bytes)
         return held[:count]
 
-    def check(self, needed: int, what: str) -> None:
-        """Raise StippleError unless `needed` bytes fit, counting what is already held as theirs.
+    def check(self, needs: Mapping[str, int], what: str) -> None:
+        """Raise StippleError unless the named buffers fit together [bytes each], less what each of them already holds.
 
-        For what will certainly be allocated together: a CPU's memory is only taken when it is first written, so one
-        buffer's own check does not see the one before.
+        For what will certainly be allocated: a CPU's memory is only taken when it is first written, so one buffer's
+        own check does not see the one before.
         """
-        free = free_bytes(self.device) + self.held_bytes
+        held = {name: array.capacity for name, array in self._arrays.items()}
+        needed = sum(size for name, size in needs.items() if size > held.get(name, 0))
+        free = free_bytes(self.device)
         if needed > free:
             raise StippleError(shortage(self.device, needed, what, free))
 

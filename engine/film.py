@@ -19,7 +19,8 @@ from .device import launch
 wp.set_module_options({"enable_backward": False})
 
 
-BYTES_PER_PIXEL = 40 + 20 + 20  # sums, their mean, and the host's copy
+# What a pixel takes [bytes]: sums, their mean, and the host's copy of that.
+BYTES_PER_PIXEL = {"film_colour": 32, "film_depth": 8, "film_rgba": 16, "film_mean_depth": 4, "host copy": 20}
 
 
 @dataclass
@@ -84,7 +85,6 @@ class Film:
         self.width, self.height, self.device = width, height, buffers.device
         self.samples = 0
         count = width * height
-        buffers.check(BYTES_PER_PIXEL * count, f"a picture of {width}×{height} px")
         self.sums = FilmSums()
         self.sums.colour = buffers.array("film_colour", wp.vec4d, count)
         self.sums.depth = buffers.array("film_depth", wp.float64, count)

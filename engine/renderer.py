@@ -20,9 +20,10 @@ from .buffers import Buffers, gibibytes
 from .camera import Camera
 from .device import choose_device, free_bytes
 from .errors import StippleError
-from .film import Film, Picture, RenderStats
+from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
 from .maths.projection import make_pose, make_view
 from .points.method import PointsFrame
+from .points.resolve import BYTES_PER_SUBPIXEL
 from .rays.host import RasterHost
 from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
@@ -130,6 +131,14 @@ class Renderer:
         self.buffers.free()
 
 
+def picture_bytes(pixels: int, settings: Settings) -> dict[str, int]:
+    """What the buffers take that grow with the picture, by name [bytes]; those that grow with splats come on top."""
+    needs = {name: size * pixels for name, size in BYTES_PER_PIXEL.items()}
+    if settings.method == "points":
+        needs |= {name: size * pixels * settings.supersampling**2 for name, size in BYTES_PER_SUBPIXEL.items()}
+    return needs
+
+
 class Frame:
     """One picture in progress: samples may be added and the mean looked at in any rhythm."""
 
@@ -147,6 +156,7 @@ class Frame:
             clouds = renderer.device_clouds(scene)
         poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
         self.checkpoint("sorting")
+        buffers.check(picture_bytes(width * height, settings), f"a picture of {width}×{height} px")
         self.film = Film(width, height, buffers)
         shot = Shot(scene, camera, settings, view, clouds, poses, buffers, self.timer, renderer.raster)
         self.method = METHOD_FRAMES[settings.method](shot)

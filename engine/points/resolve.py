@@ -12,6 +12,7 @@ from ..staging import Staged
 
 wp.set_module_options({"enable_backward": False})
 
+BYTES_PER_SUBPIXEL = {"visibility": 8}
 NOTHING = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 IDENTITY_MASK = wp.constant(wp.uint64((1 << 36) - 1))
 

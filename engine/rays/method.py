@@ -8,6 +8,7 @@ modulation (Eq. 17). Captures trained by 3DGS want 0.3 without, Mip-Splatting's 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -66,8 +67,7 @@ class RaysFrame:
         with shot.timer.stage("textures"):
             raster.upload(shot.scene, shot.camera)
         with shot.timer.stage("order"):
-            view = make_view(shot.camera, settings)
-            view.alpha_min = self._p_min
+            view = make_view(shot.camera, replace(settings, alpha_min=self._p_min))
             order = find_order(shot.clouds, shot.poses, view, shot.camera, not self._stochastic, shot.buffers)
             self.splats_visible = len(order[0])
             largest = self._host.largest_texture

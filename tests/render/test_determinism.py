@@ -100,13 +100,19 @@ def test_clouds_leave_with_their_scene(device: str) -> None:
 
 
 def test_memory_is_added_up_before_anything_is_taken(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A film's sums alone would fit here; with their mean and the host's copy they do not."""
+    """A film's sums alone would fit here; with their mean, the host's copy and a visibility buffer they do not."""
+    scene, whole = scene_of(random_cloud(30, 1)), Settings(method="sorted")
     renderer.free()
     monkeypatch.setattr("stipple.engine.buffers.free_bytes", lambda device: 60 * 1000 * 1000)
-    for settings in (Settings(method="sorted"), Settings(samples=1, supersampling=4)):
-        with pytest.raises(StippleError, match="are needed for"):
-            renderer.render(scene_of(random_cloud(30, 1)), front_camera(1000, 1000), settings)
-    assert renderer.render(scene_of(random_cloud(30, 1)), front_camera(700, 700), Settings(method="sorted")).rgba.any()
+    for settings in (whole, Settings(samples=1, supersampling=4)):
+        with pytest.raises(StippleError, match=r"are needed for a picture of 1000×1000 px"):
+            renderer.render(scene, front_camera(1000, 1000), settings)
+    assert renderer.render(scene, front_camera(700, 700), whole).rgba.any()
+    # What the film holds is no room for a visibility buffer of 63 MB; for the same film again it is.
+    with pytest.raises(StippleError, match="are needed for"):
+        renderer.render(scene, front_camera(700, 700), Settings(samples=1, supersampling=4))
+    monkeypatch.setattr("stipple.engine.buffers.free_bytes", lambda device: 12 * 1000 * 1000)
+    assert renderer.render(scene, front_camera(700, 700), whole).rgba.any()
 
 
 def test_too_little_memory_is_one_sentence_with_numbers(renderer: Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
