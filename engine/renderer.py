@@ -19,6 +19,7 @@ import numpy as np
 from .buffers import Buffers, gibibytes
 from .camera import Camera
 from .device import choose_device, free_bytes
+from .device_cloud import DeviceCloud, upload_cloud
 from .errors import StippleError
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
 from .maths.projection import make_pose, make_view
@@ -33,7 +34,6 @@ from .settings import Settings
 from .shot import Shot
 from .sorted.method import SortedFrame
 from .splats import SplatCloud
-from .staging import DeviceCloud, upload_cloud
 from .timing import StageTimer
 
 Progress = Callable[[float, str], None]

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 from .buffers import Buffers
 from .camera import Camera
+from .device_cloud import DeviceCloud
 from .maths.projection import Pose, View
 from .scene import Scene
 from .settings import Settings
-from .staging import DeviceCloud, Staging, stage_splats
+from .staging import Staging, stage_splats
 from .timing import StageTimer
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ import warp as wp
 from ..buffers import Buffers
 from ..camera import Camera
 from ..device import launch
+from ..device_cloud import DeviceCloud, read_splat
 from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key
-from ..staging import DeviceCloud
 
 wp.set_module_options({"enable_backward": False})
 
@@ -90,9 +90,10 @@ def find_keys_kernel(
     placements: wp.array(dtype=wp.int32),
 ) -> None:
     i = first + wp.tid()
-    p = pose.linear * cloud.position[i] + pose.translation
+    splat = read_splat(cloud, i)
+    p = pose.linear * splat.position + pose.translation
     key = int(HIDDEN)
-    if may_be_met(view, frustum, pose, p, cloud.scale[i], cloud.opacity[i]):
+    if may_be_met(view, frustum, pose, p, splat.scale, splat.opacity):
         key = int(depth_key(p[2], view))
     keys[offset + i] = key
     placements[offset + i] = offset + i
@@ -105,14 +106,14 @@ def find_order(
 
     `clouds` and `poses` run in parallel, one pair per instance.
     """
-    offsets = np.concatenate([[0], np.cumsum([cloud.position.size for cloud in clouds], dtype=np.int64)])
+    offsets = np.concatenate([[0], np.cumsum([cloud.splat_count for cloud in clouds], dtype=np.int64)])
     total = int(offsets[-1])
     keys = buffers.array("rays_keys", wp.int32, 2 * total)  # the radix sort needs twice the room
     placements = buffers.array("rays_placements", wp.int32, 2 * total)
     frustum = make_frustum(camera)
     for cloud, pose, offset in zip(clouds, poses, offsets[:-1], strict=True):
         inputs = [cloud, view, frustum, pose, int(offset), keys, placements]
-        launch(find_keys_kernel, cloud.position.size, inputs, buffers.device)
+        launch(find_keys_kernel, cloud.splat_count, inputs, buffers.device)
     if by_depth:
         wp.utils.radix_sort_pairs(keys, placements, total, end_bit=DEPTH_KEY_BITS)
         drawn = placements.numpy()[: int(np.searchsorted(keys.numpy()[:total], int(HIDDEN)))][::-1]

@@ -11,6 +11,7 @@ import pytest
 from stipple.engine.buffers import Buffers
 from stipple.engine.camera import Camera
 from stipple.engine.device import choose_device
+from stipple.engine.device_cloud import upload_cloud
 from stipple.engine.errors import StippleError
 from stipple.engine.maths.projection import make_pose, make_view
 from stipple.engine.rays import interface
@@ -26,7 +27,6 @@ from stipple.engine.rays.texels import (
 )
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
-from stipple.engine.staging import upload_cloud
 from tests.oracle.rays import gather, opacities, pixel_rays
 from tests.scenes import cloud_of, front_camera, random_cloud, scene_of
 
