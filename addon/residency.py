@@ -139,11 +139,16 @@ def renderer_for(device: str) -> Renderer:
     if device not in _renderers:
         free_renderer()
         _keep_kernels_in_extension_folder()
-        from ..engine.renderer import Renderer
-        from .raster_device import BlenderRasterDevice
-
-        _renderers[device] = Renderer(device, raster_host=BlenderRasterDevice)
+        _renderers[device] = raster_renderer(device)
     return _renderers[device]
+
+
+def raster_renderer(device: str) -> Renderer:
+    """A new renderer whose *rays* are drawn by Blender's gpu module. Imports Warp."""
+    from ..engine.renderer import Renderer
+    from .raster_device import BlenderRasterDevice
+
+    return Renderer(device, raster_host=BlenderRasterDevice)
 
 
 def free_renderer() -> None:

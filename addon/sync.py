@@ -95,12 +95,8 @@ def settings_from_scene(b_scene: Any) -> Settings:
 
 
 def viewport_settings(b_scene: Any) -> Settings:
-    """As `settings_from_scene`, with the viewport's own number of samples; *sorted* stands in for *rays*.
-
-    The viewport renders on a thread of its own, where Blender's graphics context may not be used.
-    """
-    settings = replace(settings_from_scene(b_scene), samples=b_scene.stipple.viewport_samples)
-    return replace(settings, method="sorted") if settings.method == "rays" else settings
+    """As `settings_from_scene`, with the viewport's own number of samples."""
+    return replace(settings_from_scene(b_scene), samples=b_scene.stipple.viewport_samples)
 
 
 def background_of(b_scene: Any) -> tuple[float, float, float] | None:

@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import weakref
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
 from . import residency, sync
 from .view_camera import view_of
 from .viewport import Aim, ViewportSession
+from .viewport_rays import RaysViewportSession
+
+if TYPE_CHECKING:
+    from ..engine.renderer import Renderer
 
 SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
 
@@ -28,7 +32,9 @@ class Viewport:
 
         from .display import Display  # the gpu module needs a window
 
+        self._redraw = redraw
         self.session = ViewportSession(redraw)
+        self._raster: Renderer | None = None  # of *rays*
         self._display = Display()
         self._known = residency.EvaluatedClouds(residency.clouds)
         self._instances: tuple[Instance, ...] = ()
@@ -46,7 +52,9 @@ class Viewport:
         b_space, b_scene = context.space_data, depsgraph.scene
         if self._visibility != _visibility(b_space):
             self._read(context, depsgraph, ())
+        self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
+        self._render_rays()
         texts = (problem or self.session.status(), self._notice)
         b_engine.update_stats("Stipple", " | ".join(text for text in texts if text))
         picture = self.session.take()
@@ -57,6 +65,26 @@ class Viewport:
     def close(self) -> None:
         self.session.close()
         residency.worker.wake()
+        if self._raster is not None:
+            self._raster.free()
+            self._raster = None
+
+    def _choose_session(self, method: str) -> None:
+        """*rays* is drawn here and not by the worker, and has another kind of session."""
+        kind = RaysViewportSession if method == "RAYS" else ViewportSession
+        if type(self.session) is kind:
+            return
+        self.close()
+        self.session = kind(self._redraw)
+        residency.worker.add(self.session)
+
+    def _render_rays(self) -> None:
+        if not isinstance(self.session, RaysViewportSession) or residency.worker.serves_finals:
+            return
+        if self._raster is None and self.session.is_sorted:  # Warp and its kernels are loaded then
+            self._raster = residency.raster_renderer("cpu")  # pixels come back to the host; the film may stay there
+        if self._raster is not None:
+            self.session.render(self._raster)
 
     def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
         self._visibility = _visibility(context.space_data)

@@ -47,6 +47,11 @@ class ViewportWorker:
     def running(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
+    @property
+    def serves_finals(self) -> bool:
+        """Whether a final render runs or waits, and viewports stand still."""
+        return self._waiting_finals > 0
+
     def add(self, session: ViewportSession) -> None:
         """Renders for this session from now on, until it is closed."""
         with self._changed:
@@ -155,7 +160,7 @@ class ViewportWorker:
             session.fail(aim, f"Stipple: {type(error).__name__}: {error} (details are in the console)")
 
     def _interrupted(self) -> bool:
-        return self._stopping or self._waiting_finals > 0
+        return self._stopping or self.serves_finals
 
     def _renderer_for(self, session: ViewportSession, device: str, method: str) -> Renderer:
         def progress(fraction: float, text: str) -> None:
@@ -164,6 +169,8 @@ class ViewportWorker:
             session.say(text.capitalize())
 
         self._prepare(device, method, progress)
+        if method == "rays":
+            self._prepare("cpu", method, progress)  # of the film, which redraws add to
         from ..engine.renderer import Renderer
 
         held = self._renderers.pop(id(session), None)

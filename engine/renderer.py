@@ -109,6 +109,15 @@ class Renderer:
             )
         return upload_cloud(cloud, self.device)
 
+    def shot(self, scene: Scene, camera: Camera, settings: Settings, timer: StageTimer) -> Shot:
+        """A scene through a camera, its clouds on the device."""
+        with timer.stage("upload"):
+            clouds = self.device_clouds(scene)
+        poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
+        return Shot(
+            scene, camera, settings, make_view(camera, settings), clouds, poses, self.buffers, timer, self.raster
+        )
+
     def raster(self) -> RasterScene:
         """The graphics context of *rays* and what it holds; made on first use.
 
@@ -149,16 +158,13 @@ class Frame:
         self._scene, self._progress, self._renderer = scene, progress, renderer
         self._done = 0.0
         self.timer = StageTimer(renderer.device, renderer._synchronise_stages)
-        buffers, view = renderer.buffers, make_view(camera, settings)
+        buffers = renderer.buffers
         _, _, width, height = camera.rendered_window
         self.checkpoint("loading")
-        with self.timer.stage("upload"):
-            clouds = renderer.device_clouds(scene)
-        poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
+        shot = renderer.shot(scene, camera, settings, self.timer)
         self.checkpoint("sorting")
         buffers.check(picture_bytes(width * height, settings), f"a picture of {width}×{height} px")
         self.film = Film(width, height, buffers)
-        shot = Shot(scene, camera, settings, view, clouds, poses, buffers, self.timer, renderer.raster)
         self.method = METHOD_FRAMES[settings.method](shot)
         self.sample_count = self.method.sample_count
 

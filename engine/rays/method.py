@@ -8,25 +8,19 @@ modulation (Eq. 17). Captures trained by 3DGS want 0.3 without, Mip-Splatting's 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from ..device import launch
 from ..film import Film, FilmSums
-from ..maths.projection import make_view
 from ..maths.random import stream_key
 from ..shot import Shot
 from ..splats import MAX_SH_DEGREE
 from .host import Draw, FloatArray
-from .interface import ORDER
-from .order import find_order
-from .texels import as_rectangle, pack_order
+from .order import least_opacity
 
 wp.set_module_options({"enable_backward": False})
-
-LEAST_ALPHA_MIN = 1e-6  # of p_min, which must not be 0: every support would be everywhere
 
 
 @wp.kernel
@@ -63,15 +57,10 @@ class RaysFrame:
         self.sample_count = settings.supersampling**2 * (settings.samples if self._stochastic else 1)
         self.points, self.blends = 0, 0
         self.warnings: tuple[str, ...] = ()
-        self._p_min = max(settings.alpha_min, LEAST_ALPHA_MIN)
         with shot.timer.stage("textures"):
             raster.upload(shot.scene, shot.camera)
         with shot.timer.stage("order"):
-            view = make_view(shot.camera, replace(settings, alpha_min=self._p_min))
-            order = find_order(shot.clouds, shot.poses, view, shot.camera, not self._stochastic, shot.buffers)
-            self.splats_visible = len(order[0])
-            largest = self._host.largest_texture
-            self._host.upload(ORDER, as_rectangle(pack_order(*order), largest, largest, "the splats in view"))
+            self.splats_visible = raster.upload_order(shot).count
 
     def render_sample(self, sample: int, film: Film, checkpoint: Callable[[], None]) -> None:
         """Add sample number `sample` to the film: subpixel number `sample` modulo s² of every pixel."""
@@ -88,6 +77,7 @@ class RaysFrame:
         shift = (0.5 - (sample % s + 0.5) / s, 0.5 - (sample // s % s + 0.5) / s)
         degree = MAX_SH_DEGREE if settings.sh_degree is None else settings.sh_degree
         stream = stream_key(settings.seed, sample, 0) & 0x7FFFFFFF
+        cut = (least_opacity(settings), settings.alpha_max, settings.dilation_px2, float(settings.antialiased))
         return Draw(
             width=width,
             height=height,
@@ -95,7 +85,7 @@ class RaysFrame:
             constants={
                 "lens": (camera.fx, camera.fy, camera.cx - x + shift[0], camera.cy - y + shift[1]),
                 "window": (x, y, width, height),
-                "cut": (self._p_min, settings.alpha_max, settings.dilation_px2, float(settings.antialiased)),
+                "cut": cut,
                 "modes": (int(camera.projection == "orthographic"), degree, stream, self.splats_visible),
             },
             stochastic=self._stochastic,

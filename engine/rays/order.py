@@ -7,19 +7,38 @@ section 4.1, "A note on near plane clipping"). The radix sort is stable, so equa
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..buffers import Buffers
 from ..camera import Camera
 from ..device import launch
 from ..device_cloud import DeviceCloud, read_splat
-from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key
+from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key, make_view
+from ..settings import Settings
+
+if TYPE_CHECKING:
+    from ..shot import Shot
 
 wp.set_module_options({"enable_backward": False})
 
 HIDDEN = wp.constant((1 << DEPTH_KEY_BITS) - 1)  # after every depth key
+LEAST_ALPHA_MIN = 1e-6  # of p_min, which must not be 0: every support would be everywhere
+
+
+@dataclass(frozen=True, eq=False)
+class DrawOrder:
+    """What to draw, one after the other: `splat` of its cloud and `instance` of the scene, int32 (N,) each."""
+
+    splat: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.int32]
+
+    @property
+    def count(self) -> int:
+        return len(self.splat)
 
 
 @wp.struct
@@ -99,25 +118,35 @@ def find_keys_kernel(
     placements[offset + i] = offset + i
 
 
-def find_order(
-    clouds: list[DeviceCloud], poses: list[Pose], view: View, camera: Camera, by_depth: bool, buffers: Buffers
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """(splat, instance) of what to draw, farthest mean first, or in the scene's order unless `by_depth`.
+def least_opacity(settings: Settings) -> float:
+    """p_min of the paper, below which a splat is not drawn."""
+    return max(settings.alpha_min, LEAST_ALPHA_MIN)
 
-    `clouds` and `poses` run in parallel, one pair per instance.
-    """
-    offsets = np.concatenate([[0], np.cumsum([cloud.splat_count for cloud in clouds], dtype=np.int64)])
-    total = int(offsets[-1])
+
+def order_key(shot: Shot) -> tuple[object, ...]:
+    """Equal keys mean equal orders: all that `find_order` depends on. Holds the clouds, so no identity comes twice."""
+    camera, settings = shot.camera, shot.settings
+    placed = tuple((i.cloud, np.asarray(i.world_from_object, np.float64).tobytes()) for i in shot.scene.instances)
+    lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far, camera.projection)
+    cut = (least_opacity(settings), settings.dilation_px2, settings.ray_order)
+    return placed, np.asarray(camera.camera_from_world).tobytes(), lens, camera.rendered_window, cut
+
+
+def find_order(shot: Shot) -> DrawOrder:
+    """What the camera may see: farthest mean first, or in the scene's order for stochastic rays. Reads keys back."""
+    offsets = np.concatenate([[0], np.cumsum([cloud.splat_count for cloud in shot.clouds], dtype=np.int64)])
+    total, buffers = int(offsets[-1]), shot.buffers
     keys = buffers.array("rays_keys", wp.int32, 2 * total)  # the radix sort needs twice the room
     placements = buffers.array("rays_placements", wp.int32, 2 * total)
-    frustum = make_frustum(camera)
-    for cloud, pose, offset in zip(clouds, poses, offsets[:-1], strict=True):
+    view = make_view(shot.camera, replace(shot.settings, alpha_min=least_opacity(shot.settings)))
+    frustum = make_frustum(shot.camera)
+    for cloud, pose, offset in zip(shot.clouds, shot.poses, offsets[:-1], strict=True):
         inputs = [cloud, view, frustum, pose, int(offset), keys, placements]
         launch(find_keys_kernel, cloud.splat_count, inputs, buffers.device)
-    if by_depth:
+    if shot.settings.ray_order == "sorted":
         wp.utils.radix_sort_pairs(keys, placements, total, end_bit=DEPTH_KEY_BITS)
         drawn = placements.numpy()[: int(np.searchsorted(keys.numpy()[:total], int(HIDDEN)))][::-1]
     else:
         drawn = np.flatnonzero(keys.numpy()[:total] != int(HIDDEN))
     instance = np.searchsorted(offsets, drawn, side="right") - 1
-    return (drawn - offsets[instance]).astype(np.int32), instance.astype(np.int32)
+    return DrawOrder((drawn - offsets[instance]).astype(np.int32), instance.astype(np.int32))

@@ -3,21 +3,33 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..camera import Camera
 from ..scene import Scene
 from .host import RasterHost
-from .interface import INSTANCES, SPLATS
-from .texels import as_rectangle, pack_cloud, pack_instances
+from .interface import INSTANCES, ORDER, SPLATS
+from .order import DrawOrder, find_order, order_key
+from .texels import as_rectangle, pack_cloud, pack_instances, pack_order
+
+if TYPE_CHECKING:
+    from ..shot import Shot
 
 
 class RasterScene:
-    """A graphics host and which clouds its texture holds, so that a frame uploads only what changed."""
+    """A graphics host, and which clouds and which order its textures hold: a frame uploads only what changed.
+
+    `given_order` is drawn instead of one that is found here, for hosts that find it in another thread.
+    """
 
     def __init__(self, host: RasterHost) -> None:
         self.host = host
+        self.given_order: DrawOrder | None = None
         self._held: list[object] = []
+        self._order_key: tuple[object, ...] = ()
+        self._order: DrawOrder | None = None
 
     def upload(self, scene: Scene, camera: Camera) -> None:
         """Clouds (if they are other ones than before) and instances."""
@@ -30,3 +42,17 @@ class RasterScene:
             texels = np.concatenate(records) if records else np.zeros((0, 4), np.float32)
             self.host.upload(SPLATS, as_rectangle(texels, largest, largest, "the captures"))
             self._held = list(clouds)
+
+    def upload_order(self, shot: Shot) -> DrawOrder:
+        """The order of drawing, sorted and uploaded again only when the camera or the scene has changed."""
+        order, key = self.given_order, order_key(shot)
+        if order is None:
+            order = self._order if self._order is not None and key == self._order_key else find_order(shot)
+        if order is not self._order:
+            self._order = None
+            largest = self.host.largest_texture
+            texels = pack_order(order.splat, order.instance)
+            self.host.upload(ORDER, as_rectangle(texels, largest, largest, "the splats in view"))
+            self._order = order
+        self._order_key = key
+        return order

@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import bpy
@@ -21,6 +18,7 @@ from stipple.engine.colour import scene_linear_from_display
 from stipple.engine.splats import ARRAY_NAMES
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
+from .fresh_process import fresh_python
 
 pytestmark = [pytest.mark.blender, pytest.mark.skipif(not has_graphics(), reason="no EGL here")]
 
@@ -69,17 +67,6 @@ def test_both_hosts_draw_the_same_picture(tmp_path: Path, root: Path, order: str
     wanted = scene_linear_from_display(np.load(tmp_path / "wanted.npy"))
     assert wanted[..., 3].mean() > 0.1
     assert np.abs(blender - wanted).max() <= 1 / 255  # bit-identical on llvmpipe
-
-
-def fresh_python(root: Path, program: str, *arguments: Path, **variables: str) -> str:
-    """What a program prints in a process of its own."""
-    # bpy puts its own scripts on sys.path; a fresh process must find the module first.
-    paths = [str(root), *(path for path in sys.path if "scripts" not in Path(path).parts)]
-    environment = dict(os.environ) | {"PYTHONPATH": os.pathsep.join(paths)} | variables
-    command = [sys.executable, "-c", program, *map(str, arguments)]
-    result = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=120)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
 
 
 def test_three_frames_and_back_to_another_method(tmp_path: Path) -> None:

@@ -60,7 +60,8 @@ class Window:
         since = time.monotonic()
         yield lambda: time.monotonic() - since > 0.3
         if self.b_space.shading.type == "RENDERED":
-            yield lambda: self.session.due() is None and self.session.picture is self.session._drawn
+            yield lambda: self.session.due() is None and self.session.picture is not None
+        yield lambda: self.session.picture is self.session._drawn
         since = time.monotonic()
         yield lambda: time.monotonic() - since > 0.5
 
@@ -141,12 +142,18 @@ def alignment(window: Window) -> Steps:
 
 
 def final_render(window: Window) -> Steps:
-    """The camera view at the size of the final render, and the final render."""
-    b_scene = use_stipple()
+    """The camera view at the size of the final render, and the final render; of a capture, or a cube of splats."""
+    method, *capture = sys.argv[sys.argv.index("--") + 3 :]
+    b_scene = use_stipple(method)
+    b_scene.stipple.samples = b_scene.stipple.viewport_samples = 4
     window.bare()
     bpy.data.objects["Cube"].hide_set(True)
     bpy.data.objects["Cube"].hide_render = True
-    cube_of_splats().rotation_euler = (0.3, 0.2, 0.4)
+    if capture:
+        bpy.ops.import_scene.splats(filepath=capture[0])
+        bpy.context.view_layer.objects.active.select_set(False)
+    else:
+        cube_of_splats().rotation_euler = (0.3, 0.2, 0.4)
     b_scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.2, 0.05, 0.5, 1)
     b_scene.camera.data.passepartout_alpha = 0.0
     window.b_space.shading.type = "RENDERED"

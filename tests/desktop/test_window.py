@@ -31,7 +31,7 @@ def run(scenario: str, folder: Path, *arguments: str) -> dict[str, Any]:
     folder.chmod(0o755)
     script = Path(__file__).with_name("in_window.py")
     command = [program, "--extension", str(zips[-1]), "--mount", str(ROOT), "--mount", str(folder)]
-    command += [part for path in map(Path, arguments) for part in ("--mount", str(path.parent))]
+    command += [part for path in map(Path, arguments) if path.is_file() for part in ("--mount", str(path.parent))]
     command += ["--seconds", str(SECONDS), "--shots", str(SECONDS // 4), "--out", str(folder / "screen"), "--"]
     command += ["--python", str(script), "--", scenario, str(folder), *arguments]
     subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=SECONDS + 120)
@@ -70,8 +70,20 @@ def test_splats_lie_under_the_mesh_they_copy(tmp_path: Path) -> None:
         assert (mesh ^ splats).sum() < 0.04 * mesh.sum(), kind
 
 
-def test_the_viewport_equals_the_final_render(tmp_path: Path) -> None:
-    results = run("final_render", tmp_path)
+@pytest.mark.parametrize("method", ["SORTED", "RAYS", "POINTS"])
+def test_the_viewport_equals_the_final_render(method: str, tmp_path: Path) -> None:
+    results = run("final_render", tmp_path, method)
+    assert_viewport_is_final(tmp_path, results)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("method", ["SORTED", "RAYS"])
+def test_the_viewport_equals_the_final_render_of_a_capture(method: str, tmp_path: Path, shared_data: Path) -> None:
+    results = run("final_render", tmp_path, method, str((shared_data / "real" / "koala.ply").resolve()))
+    assert_viewport_is_final(tmp_path, results)
+
+
+def assert_viewport_is_final(tmp_path: Path, results: dict[str, Any]) -> None:
     final = np.asarray(Image.open(tmp_path / "final.png").convert("RGB")).astype(int)[70:-30, 40:-40]
     viewport = region_of(tmp_path, "viewport", results)
     assert viewport.shape == final.shape and final.std() > 10

@@ -8,12 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from stipple.engine.buffers import Buffers
 from stipple.engine.camera import Camera
-from stipple.engine.device import choose_device
-from stipple.engine.device_cloud import upload_cloud
 from stipple.engine.errors import StippleError
-from stipple.engine.maths.projection import make_pose, make_view
 from stipple.engine.rays import interface
 from stipple.engine.rays.host import batch_corners, batch_triangles
 from stipple.engine.rays.order import find_order
@@ -25,19 +21,19 @@ from stipple.engine.rays.texels import (
     pack_order,
     texels_per_splat,
 )
+from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
+from stipple.engine.timing import StageTimer
 from tests.oracle.rays import gather, opacities, pixel_rays
 from tests.scenes import cloud_of, front_camera, random_cloud, scene_of
 
 
 def order_of(scene: Scene, camera: Camera, by_depth: bool = True) -> list[tuple[int, int]]:
-    device = choose_device("cpu")
-    clouds = [upload_cloud(instance.cloud, device) for instance in scene.instances]
-    poses = [make_pose(camera, instance.world_from_object) for instance in scene.instances]
-    view = make_view(camera, Settings(dilation_px2=0.0))
-    splat, instance = find_order(clouds, poses, view, camera, by_depth, Buffers(device))
-    return list(zip(splat.tolist(), instance.tolist(), strict=True))
+    settings = Settings(dilation_px2=0.0, ray_order="sorted" if by_depth else "stochastic")
+    renderer = Renderer("cpu")
+    order = find_order(renderer.shot(scene, camera, settings, StageTimer(renderer.device)))
+    return list(zip(order.splat.tolist(), order.instance.tolist(), strict=True))
 
 
 @pytest.mark.parametrize("degree", range(5))
