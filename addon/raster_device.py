@@ -14,7 +14,7 @@ import numpy as np
 
 from ..engine.errors import StippleError
 from ..engine.rays.host import Draw, FloatArray, batch_corners, batch_triangles
-from ..engine.rays.interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, create_info_calls, source
+from ..engine.rays.interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, Variant, create_info_calls, source
 from .graphics import has_graphics
 
 NO_CONTEXT = (
@@ -38,7 +38,7 @@ class BlenderRasterDevice:
         except (SystemError, RuntimeError) as error:
             raise StippleError(NO_CONTEXT) from error
         self._textures: dict[str, Any] = {}
-        self._batches: dict[bool, tuple[Any, Any]] = {}
+        self._batches: dict[Variant, tuple[Any, Any]] = {}
         self._target: tuple[tuple[int, int], Any, list[Any]] | None = None
 
     def upload(self, texture: Texture, texels: FloatArray) -> None:
@@ -73,13 +73,13 @@ class BlenderRasterDevice:
 
     def _set_state(self, draw: Draw) -> None:
         gpu.state.viewport_set(0, 0, draw.width, draw.height)
-        gpu.state.blend_set("NONE" if draw.stochastic else "ALPHA_PREMULT")
-        gpu.state.depth_test_set("LESS" if draw.stochastic else "NONE")
-        gpu.state.depth_mask_set(draw.stochastic)
+        gpu.state.blend_set("NONE" if draw.variant.stochastic else "ALPHA_PREMULT")
+        gpu.state.depth_test_set("LESS" if draw.variant.stochastic else "NONE")
+        gpu.state.depth_mask_set(draw.variant.stochastic)
         gpu.state.face_culling_set("NONE")
 
     def _render(self, draw: Draw) -> None:
-        batch, shader = self._batch(draw.stochastic)
+        batch, shader = self._batch(draw.variant)
         shader.bind()
         for texture in TEXTURES:
             shader.uniform_sampler(texture.name, self._textures[texture.name])
@@ -89,11 +89,11 @@ class BlenderRasterDevice:
             set_value(constant.name, value)
         batch.draw_instanced(shader, instance_start=0, instance_count=draw.batch_count)
 
-    def _batch(self, stochastic: bool) -> tuple[Any, Any]:
+    def _batch(self, variant: Variant) -> tuple[Any, Any]:
         """The batch of quads and the shader, compiled on first use."""
-        if stochastic not in self._batches:
+        if variant not in self._batches:
             info, interface = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("stipple_rays")
-            info_calls, interface_calls = create_info_calls(stochastic=stochastic)
+            info_calls, interface_calls = create_info_calls(variant)
             for method, *arguments in interface_calls:
                 getattr(interface, method)(*arguments)
             for method, *arguments in info_calls:
@@ -108,8 +108,8 @@ class BlenderRasterDevice:
             corners = gpu.types.GPUVertBuf(layout, len(vertices))
             corners.attr_fill(ATTRIBUTES[0].name, vertices.tolist())
             elements = gpu.types.GPUIndexBuf(type="TRIS", seq=triangles.tolist())
-            self._batches[stochastic] = (gpu.types.GPUBatch(type="TRIS", buf=corners, elem=elements), shader)
-        return self._batches[stochastic]
+            self._batches[variant] = (gpu.types.GPUBatch(type="TRIS", buf=corners, elem=elements), shader)
+        return self._batches[variant]
 
     def _framebuffer(self, width: int, height: int) -> tuple[Any, list[Any]]:
         if self._target is None or self._target[0] != (width, height):

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .interface import QUADS_PER_BATCH, Texture
+from .interface import QUADS_PER_BATCH, Texture, Variant
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -33,7 +33,8 @@ class Draw:
 
     - `splat_count`: texels of `interface.ORDER` in use; also the last of the constant `modes`.
     - `constants`: a value for each of `interface.CONSTANTS`.
-    - `stochastic`: depth test on, blending off, depth written by the shader; else premultiplied "over", no depth test.
+    - `variant`: of the shaders. Stochastic: depth test on, blending off, depth written by the shader; else
+      premultiplied "over", no depth test.
     - `multisamples`: rays per pixel, averaged; 1 for the pixel's centre.
     """
 
@@ -41,7 +42,7 @@ class Draw:
     height: int
     splat_count: int
     constants: dict[str, tuple[float, ...] | tuple[int, ...]]
-    stochastic: bool = False
+    variant: Variant
     multisamples: int = 1
 
     @property

@@ -32,13 +32,13 @@ class Value:
     location: int = 0
 
 
-SPLATS = Texture("splats", 0)
-"""Records of all clouds, one after the other; see `texels.pack_cloud`."""
-INSTANCES = Texture("instances", 1)
+SPLATS = tuple(Texture(f"splats_{page}", page) for page in range(4))
+"""Records of all clouds, one after the other, over as many pages as they fill; see `texels.splat_pages`."""
+INSTANCES = Texture("instances", len(SPLATS))
 """`INSTANCE_TEXELS` texels per instance; see `texels.pack_instances`."""
-ORDER = Texture("draw_order", 2)
+ORDER = Texture("draw_order", len(SPLATS) + 1)
 """One texel per drawn splat, farthest first; see `texels.pack_order`."""
-TEXTURES = (SPLATS, INSTANCES, ORDER)
+TEXTURES = (*SPLATS, INSTANCES, ORDER)
 
 QUADS_PER_BATCH = 64
 """Splats per instance of the draw. One would do, but hardware fills its lanes with the vertices of one instance, and
@@ -75,11 +75,25 @@ def source(stage: str) -> str:
     return "\n".join((folder / f"{name}.glsl").read_text(encoding="utf-8") for name in names)
 
 
-def header(stage: str, *, stochastic: bool, per_sample: bool) -> str:
+@dataclass(frozen=True)
+class Variant:
+    """What is decided when the shaders are compiled.
+
+    - `stochastic`: fragments are kept by chance and write their depth.
+    - `paged`: records fill more than the first of `SPLATS` (choosing takes llvmpipe a fifth of the vertex work).
+    """
+
+    stochastic: bool = False
+    paged: bool = False
+
+    @property
+    def defines(self) -> tuple[str, ...]:
+        return ("STOCHASTIC",) * self.stochastic + ("PAGED",) * self.paged
+
+
+def header(stage: str, variant: Variant, *, per_sample: bool) -> str:
     """Declarations of a stage for a plain GLSL compiler."""
-    lines = [GLSL_VERSION]
-    if stochastic:
-        lines.append("#define STOCHASTIC")
+    lines = [GLSL_VERSION, *(f"#define {name}" for name in variant.defines)]
     lines += [f"#define {name} {number}" for name, number in DEFINES.items()]
     lines += [f"uniform {value.glsl_type} {value.name};" for value in CONSTANTS]
     if stage == "vertex":
@@ -94,12 +108,12 @@ def header(stage: str, *, stochastic: bool, per_sample: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def complete_source(stage: str, *, stochastic: bool, per_sample: bool) -> str:
+def complete_source(stage: str, variant: Variant, *, per_sample: bool) -> str:
     """Header and source of a stage, ready to compile."""
-    return header(stage, stochastic=stochastic, per_sample=per_sample) + source(stage)
+    return header(stage, variant, per_sample=per_sample) + source(stage)
 
 
-def create_info_calls(*, stochastic: bool) -> tuple[list[tuple], list[tuple]]:
+def create_info_calls(variant: Variant) -> tuple[list[tuple], list[tuple]]:
     """(method, arguments …) to call on a GPUShaderCreateInfo and on its GPUStageInterfaceInfo.
 
     The caller adds `vertex_out(interface)` and both sources, which are `source("vertex")` and `source("fragment")`.
@@ -109,8 +123,9 @@ def create_info_calls(*, stochastic: bool) -> tuple[list[tuple], list[tuple]]:
     info += [("vertex_in", value.location, value.glsl_type.upper(), value.name) for value in ATTRIBUTES]
     info += [("fragment_out", value.location, value.glsl_type.upper(), value.name) for value in OUTPUTS]
     info += [("define", name, str(number)) for name, number in DEFINES.items()]
-    if stochastic:
-        info += [("define", "STOCHASTIC"), ("depth_write", "ANY")]
+    info += [("define", name) for name in variant.defines]
+    if variant.stochastic:
+        info.append(("depth_write", "ANY"))
     stage: list[tuple] = [("smooth", value.glsl_type.upper(), value.name) for value in SMOOTH]
     stage += [("flat", value.glsl_type.upper(), value.name) for value in FLAT]
     return info, stage

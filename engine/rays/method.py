@@ -18,6 +18,7 @@ from ..maths.random import stream_key
 from ..shot import Shot
 from ..splats import MAX_SH_DEGREE
 from .host import Draw, FloatArray
+from .interface import Variant
 from .order import least_opacity
 
 wp.set_module_options({"enable_backward": False})
@@ -53,12 +54,12 @@ class RaysFrame:
     def __init__(self, shot: Shot) -> None:
         settings, raster = shot.settings, shot.raster()
         self._host, self._camera, self._settings, self._timer = raster.host, shot.camera, settings, shot.timer
-        self._stochastic = settings.ray_order == "stochastic"
-        self.sample_count = settings.supersampling**2 * (settings.samples if self._stochastic else 1)
+        self.sample_count = settings.supersampling**2 * (settings.samples if settings.ray_order == "stochastic" else 1)
         self.points, self.blends = 0, 0
         self.warnings: tuple[str, ...] = ()
         with shot.timer.stage("textures"):
             raster.upload(shot.scene, shot.camera)
+        self._variant = Variant(stochastic=settings.ray_order == "stochastic", paged=raster.pages > 1)
         with shot.timer.stage("order"):
             self.splats_visible = raster.upload_order(shot).count
 
@@ -88,6 +89,6 @@ class RaysFrame:
                 "cut": cut,
                 "modes": (int(camera.projection == "orthographic"), degree, stream, self.splats_visible),
             },
-            stochastic=self._stochastic,
+            variant=self._variant,
             multisamples=settings.multisamples,
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import StippleError
 from .host import Draw, FloatArray, batch_corners, batch_triangles
-from .interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, complete_source
+from .interface import ATTRIBUTES, CONSTANTS, TEXTURES, Texture, Variant, complete_source
 
 
 class ModernGLDevice:
@@ -35,7 +35,7 @@ class ModernGLDevice:
         self._corners = self._context.buffer(batch_corners().tobytes())
         self._triangles = self._context.buffer(batch_triangles().tobytes())
         self._textures: dict[str, Any] = {}
-        self._programs: dict[tuple[bool, bool], tuple[Any, Any]] = {}
+        self._programs: dict[tuple[Variant, bool], tuple[Any, Any]] = {}
         self._targets: dict[tuple[int, int, int], Any] = {}
 
     def upload(self, texture: Texture, texels: FloatArray) -> None:
@@ -62,7 +62,7 @@ class ModernGLDevice:
         target = self._target(draw.width, draw.height, draw.multisamples)
         target.use()
         target.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
-        if draw.stochastic:
+        if draw.variant.stochastic:
             context.enable_only(gl.DEPTH_TEST)
             context.depth_func = "<"
         else:
@@ -90,18 +90,19 @@ class ModernGLDevice:
 
     def _program(self, draw: Draw) -> Any:
         """The vertex array with its program, made on first use, its constants set."""
-        key = (draw.stochastic, draw.multisamples > 1)
+        key = (draw.variant, draw.multisamples > 1)
         if key not in self._programs:
-            sources = (complete_source(s, stochastic=key[0], per_sample=key[1]) for s in ("vertex", "fragment"))
+            sources = (complete_source(s, draw.variant, per_sample=key[1]) for s in ("vertex", "fragment"))
             vertex, fragment = sources
             program: Any = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
             for texture in TEXTURES:
-                program[texture.name].value = texture.slot
+                if texture.name in program:  # a compiler drops what a variant does not read
+                    program[texture.name].value = texture.slot
             content = [(self._corners, "3f", ATTRIBUTES[0].name)]
             self._programs[key] = (program, self._context.vertex_array(program, content, self._triangles))
         program, array = self._programs[key]
         for constant in CONSTANTS:
-            if constant.name in program:  # a compiler drops what a variant does not read
+            if constant.name in program:
                 program[constant.name].value = draw.constants[constant.name]
         return array
 

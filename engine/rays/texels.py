@@ -6,6 +6,8 @@ A float holds whole numbers exactly up to 2²⁴ only, so larger ones travel as 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +19,7 @@ from .interface import INSTANCE_TEXELS
 
 FloatArray = npt.NDArray[np.float32]
 
+SPLATS_PER_PIECE = 1 << 18  # 64 MiB of texels at degree 3
 SPLAT_HEAD_TEXELS = 4  # position and opacity; rotation; scale; band 0
 JACOBI_SWEEPS = 4  # what 20,000 random shears of needles needed at most, in single precision
 
@@ -26,23 +29,56 @@ def texels_per_splat(sh_degree: int) -> int:
     return SPLAT_HEAD_TEXELS + 3 * -(-SH_REST_COUNT[sh_degree] // 4)
 
 
-def pack_cloud(cloud: SplatCloud) -> FloatArray:
+def pack_cloud(cloud: SplatCloud, splats: slice = slice(None)) -> FloatArray:
     """(N, texels_per_splat, 4): position and opacity; rotation; scale; band 0; then coefficients of the higher bands.
 
     Those go four at a time: a texel with the four red values, one with green, one with blue.
     """
-    n, rest_count = cloud.splat_count, cloud.sh_rest.shape[1]
-    records = np.zeros((n, texels_per_splat(cloud.sh_degree), 4), np.float32)
-    records[:, 0, :3] = cloud.position
-    records[:, 0, 3] = cloud.opacity
-    records[:, 1] = cloud.rotation
-    records[:, 2, :3] = cloud.scale
-    records[:, 3, :3] = cloud.sh_dc
-    for first in range(0, rest_count, 4):
-        group = cloud.sh_rest[:, first : first + 4]  # (n, up to 4, 3)
+    position, rest = cloud.position[splats], cloud.sh_rest[splats]
+    records = np.zeros((len(position), texels_per_splat(cloud.sh_degree), 4), np.float32)
+    records[:, 0, :3] = position
+    records[:, 0, 3] = cloud.opacity[splats]
+    records[:, 1] = cloud.rotation[splats]
+    records[:, 2, :3] = cloud.scale[splats]
+    records[:, 3, :3] = cloud.sh_dc[splats]
+    for first in range(0, rest.shape[1], 4):
+        group = rest[:, first : first + 4]  # (n, up to 4, 3)
         texel = SPLAT_HEAD_TEXELS + first // 4 * 3
         records[:, texel : texel + 3, : group.shape[1]] = np.swapaxes(group, 1, 2)
     return records
+
+
+def splat_pages(clouds: Sequence[SplatCloud], largest_texture: int, most_pages: int) -> Iterator[FloatArray]:
+    """The records of all clouds one after the other as textures (H, W, 4), each full but the last; at least one.
+
+    A record may lie across two pages. Packs a piece at a time, so the host holds one page and a little more. Raises
+    StippleError where more than `most_pages` would be needed.
+    """
+    sizes = [cloud.splat_count * texels_per_splat(cloud.sh_degree) for cloud in clouds]
+    page_size, total = largest_texture**2, sum(sizes)
+    if total > most_pages * page_size:
+        raise StippleError(
+            f"rays: the captures take {total:,} texels and this graphics device's {most_pages} largest textures have "
+            f"{most_pages * page_size:,}; lower the SH degree of the captures, show fewer, or choose the sorted method."
+        )
+    starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
+    for begin in range(0, max(total, 1), page_size):
+        page = np.zeros((min(total - begin, page_size), 4), np.float32)
+        for cloud, start in zip(clouds, starts[:-1].tolist(), strict=True):
+            _fill(page, begin - start, cloud)
+        yield as_rectangle(page, largest_texture, largest_texture, "the captures")
+
+
+def _fill(page: FloatArray, begin: int, cloud: SplatCloud) -> None:
+    """Copies into a page what of a cloud's texels lies in it; texel `begin` of the cloud is the page's first."""
+    per_splat = texels_per_splat(cloud.sh_degree)
+    first, last = max(0, begin // per_splat), min(cloud.splat_count, -(-(begin + len(page)) // per_splat))
+    for splat in range(first, last, SPLATS_PER_PIECE):
+        texels = pack_cloud(cloud, slice(splat, min(splat + SPLATS_PER_PIECE, last))).reshape(-1, 4)
+        at = splat * per_splat - begin
+        skipped = max(0, -at)
+        piece = texels[skipped : len(page) - at]
+        page[at + skipped : at + skipped + len(piece)] = piece
 
 
 def pack_instances(scene: Scene, camera: Camera) -> tuple[FloatArray, list[SplatCloud]]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +13,12 @@ from ..scene import Scene
 from .host import RasterHost
 from .interface import INSTANCES, ORDER, SPLATS
 from .order import DrawOrder, find_order, order_key
-from .texels import as_rectangle, pack_cloud, pack_instances, pack_order
+from .texels import as_rectangle, pack_instances, pack_order, splat_pages
 
 if TYPE_CHECKING:
     from ..shot import Shot
+
+NO_TEXELS = np.zeros((1, 1, 4), np.float32)
 
 
 class RasterScene:
@@ -27,6 +30,7 @@ class RasterScene:
     def __init__(self, host: RasterHost) -> None:
         self.host = host
         self.given_order: DrawOrder | None = None
+        self.pages = 0  # of `SPLATS` in use
         self._held: list[object] = []
         self._order_key: tuple[object, ...] = ()
         self._order: DrawOrder | None = None
@@ -38,9 +42,11 @@ class RasterScene:
         self.host.upload(INSTANCES, as_rectangle(instances, largest, largest, "instances"))
         if len(clouds) != len(self._held) or any(a is not b for a, b in zip(clouds, self._held, strict=True)):
             self._held = []
-            records = [pack_cloud(cloud).reshape(-1, 4) for cloud in clouds]
-            texels = np.concatenate(records) if records else np.zeros((0, 4), np.float32)
-            self.host.upload(SPLATS, as_rectangle(texels, largest, largest, "the captures"))
+            pages = splat_pages(clouds, largest, len(SPLATS))
+            self.pages = 0
+            for texture, page in zip_longest(SPLATS, pages):
+                self.host.upload(texture, NO_TEXELS if page is None else page)
+                self.pages += page is not None
             self._held = list(clouds)
 
     def upload_order(self, shot: Shot) -> DrawOrder:

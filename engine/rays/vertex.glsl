@@ -2,9 +2,24 @@
 //
 // One corner of one splat's quad (RayGS, section 4.1), and the splat's colour.
 
+// Only the last page in use may be smaller than the first.
 vec4 splat_texel(int index) {
-  int width = textureSize(splats, 0).x;
-  return texelFetch(splats, ivec2(index % width, index / width), 0);
+  ivec2 size = textureSize(splats_0, 0);
+#ifdef PAGED
+  int page = index / (size.x * size.y);
+  index -= page * size.x * size.y;
+  ivec2 at = ivec2(index % size.x, index / size.x);
+  if (page == 1) {
+    return texelFetch(splats_1, at, 0);
+  }
+  if (page == 2) {
+    return texelFetch(splats_2, at, 0);
+  }
+  if (page == 3) {
+    return texelFetch(splats_3, at, 0);
+  }
+#endif
+  return texelFetch(splats_0, ivec2(index % size.x, index / size.x), 0);
 }
 
 vec4 instance_texel(int index) {

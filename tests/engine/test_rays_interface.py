@@ -120,15 +120,16 @@ def test_culling_loses_nothing(projection: str) -> None:
 
 
 def test_both_hosts_get_the_same_declarations() -> None:
-    info, stage = interface.create_info_calls(stochastic=True)
+    variant = interface.Variant(stochastic=True, paged=True)
+    info, stage = interface.create_info_calls(variant)
     declared = {call[-1] for call in info + stage if call[0] != "define"}
-    header = interface.header("vertex", stochastic=True, per_sample=False)
-    header += interface.header("fragment", stochastic=True, per_sample=False)
+    header = "".join(interface.header(stage, variant, per_sample=False) for stage in ("vertex", "fragment"))
     in_glsl = set(re.findall(r"(\w+);", header))
     assert in_glsl <= declared
     assert declared - in_glsl == {"ANY"}  # how depth is written, which plain GLSL need not say
     assert {call[1] for call in info if call[0] == "define"} == set(re.findall(r"#define (\w+)", header))
-    assert "#define STOCHASTIC" not in interface.header("fragment", stochastic=False, per_sample=False)
+    plain = interface.header("fragment", interface.Variant(), per_sample=False)
+    assert "STOCHASTIC" not in plain and "PAGED" not in plain
 
 
 def test_sources_declare_nothing_and_constants_fit_where_vulkan_wants_them() -> None:

@@ -6,12 +6,15 @@ Measured on llvmpipe: 90 to 139 dB where 80 is asked; a pixel where ω falls on 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from stipple.engine.camera import Camera
+from stipple.engine.errors import StippleError
+from stipple.engine.rays.texels import texels_per_splat
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
@@ -193,6 +196,61 @@ def test_nothing_to_draw(rays: Renderer) -> None:
     picture = rays.render(scene_of(cloud_of(behind, 0.1, 0.5, 0.5)), front_camera(), plain())
     assert (picture.rgba == 0).all()
     assert picture.stats.splats_visible == 0
+
+
+def test_an_order_is_found_and_uploaded_once_for_a_view(monkeypatch: pytest.MonkeyPatch, rays: Renderer) -> None:
+    """And found again whenever the camera, an instance or a setting that culls has changed."""
+    uploads: list[str] = []
+    host = rays.raster().host
+    upload = host.upload
+    monkeypatch.setattr(host, "upload", lambda texture, texels: (uploads.append(texture.name), upload(texture, texels)))
+    cloud, camera = random_cloud(30, 1), front_camera()
+    moved = replace(camera, camera_from_world=camera.camera_from_world + [[0, 0, 0, 0.1]] * 3)
+    turned = Instance(cloud, np.hstack([np.diag([1.0, -1.0, 1.0]), np.zeros((3, 1))]))
+
+    def uploaded(scene: Scene, camera: Camera, **changes: Any) -> list[str]:
+        uploads.clear()
+        agrees(rays, scene, camera, **changes)
+        return [name for name in uploads if name != "instances"]
+
+    assert uploaded(scene_of(cloud), camera) == ["splats_0", "splats_1", "splats_2", "splats_3", "draw_order"]
+    assert uploaded(scene_of(cloud), camera) == []
+    assert uploaded(scene_of(cloud), camera, alpha_max=0.5) == []
+    assert uploaded(scene_of(cloud), moved) == ["draw_order"]
+    assert uploaded(Scene((turned,)), moved) == ["draw_order"]
+    assert uploaded(Scene((turned,)), moved, dilation_px2=0.3) == ["draw_order"]
+
+
+def test_captures_may_fill_several_textures(monkeypatch: pytest.MonkeyPatch, rays: Renderer) -> None:
+    """Records across the ends of pages, clouds across pages, and a page too many."""
+    host = rays.raster().host
+    scene = scene_of(random_cloud(200, 1, sh_degree=3), random_cloud(70, 2), random_cloud(90, 3, sh_degree=2))
+    camera = front_camera()
+    whole = rays.render(scene, camera, plain())
+    for largest, pages in ((43, 3), (37, 4)):  # 4,380 texels
+        monkeypatch.setattr(host, "largest_texture", largest)
+        assert -(-4380 // largest**2) == pages
+        fresh = Scene(tuple(Instance(replace(instance.cloud)) for instance in scene.instances))
+        assert (rays.render(fresh, camera, plain()).rgba == whole.rgba).all()
+    monkeypatch.setattr(host, "largest_texture", 33)
+    with pytest.raises(StippleError, match="4,380 texels and this graphics device's 4 largest textures have 4,356"):
+        rays.render(scene, camera, plain())
+    monkeypatch.undo()
+    agrees(rays, scene, camera)
+
+
+@pytest.mark.slow
+def test_splats_beyond_two_to_the_24th_texel_are_found(rays: Renderer) -> None:
+    """800,000 degree-4 splats of which only the last 60 can be seen: 17.6 M texels, in floats' odd range."""
+    few, many = random_cloud(60, 1, sh_degree=4), 800_000
+    arrays = {name: np.zeros((many, *getattr(few, name).shape[1:]), np.float32) for name in ARRAY_NAMES}
+    for name, array in arrays.items():
+        array[-60:] = getattr(few, name)
+    arrays["rotation"][:-60, 0] = 1.0
+    seen = rays.render(scene_of(SplatCloud(**arrays)), front_camera(), plain())
+    assert many * texels_per_splat(4) > 1 << 24
+    assert seen.stats.splats_visible <= 60
+    assert (seen.rgba == rays.render(scene_of(few), front_camera(), plain()).rgba).all()
 
 
 def test_a_scene_that_changes_is_uploaded_again(rays: Renderer) -> None:

@@ -76,20 +76,22 @@ def test_far_off_rays_and_sorted_agree(rays: Renderer, shared_data: Path, name: 
     renderer.free()
 
 
-def gain_of_mip(rays: Renderer, scene: Scene, camera: Camera) -> tuple[float, float]:
-    """What MIP adds at 1/8 size [dB] to plain RayGS, and the ratio of total alpha to the full-size picture's."""
-    full = rays.render(scene, camera, AS_TRAINED).rgba.astype(np.float64)
-    height, width = camera.height // 8, camera.width // 8
-    wanted = full.reshape(height, 8, width, 8, 4).mean(axis=(1, 3))
-    small = camera.resized(width, height)
-    plain, mip = (rays.render(scene, small, settings).rgba for settings in (PLAIN, MIP))
-    return psnr(mip, wanted) - psnr(plain, wanted), float(mip[..., 3].sum() / wanted[..., 3].sum())
-
-
 @pytest.mark.parametrize("name", CAPTURES)
-@pytest.mark.parametrize("view", [0, 3])
-def test_mip_anti_aliases_at_an_eighth_of_the_size(rays: Renderer, shared_data: Path, name: str, view: int) -> None:
+def test_mip_anti_aliases_at_an_eighth_of_the_size(rays: Renderer, shared_data: Path, name: str) -> None:
+    """Against the 640 × 480 picture as trained, box-filtered, from all eight cameras.
+
+    MIP is Eq. 17: filter and modulation. Without it are: the same filter unmodulated (the setting switched off,
+    measured 5.9 to 9.0 dB worse), the capture as trained (15 to 17 dB) and no filter at all (2.7 to 5.9 dB).
+    """
     scene, cameras = capture(shared_data, name)
-    gain, thickness = gain_of_mip(rays, scene, cameras[view])
-    assert gain > 3
-    assert thickness == pytest.approx(1.0, abs=0.05)
+    for camera in cameras:
+        full = rays.render(scene, camera, AS_TRAINED).rgba.astype(np.float64)
+        height, width = camera.height // 8, camera.width // 8
+        wanted = full.reshape(height, 8, width, 8, 4).mean(axis=(1, 3))
+        small = camera.resized(width, height)
+        mip = rays.render(scene, small, MIP).rgba
+        without = [rays.render(scene, small, s).rgba for s in (replace(MIP, antialiased=False), AS_TRAINED, PLAIN)]
+        gains = psnr(mip, wanted) - np.array([psnr(rgba, wanted) for rgba in without])
+        assert gains[0] > 3 and gains[1] > 3, gains
+        assert gains[2] > 2.5, gains  # 3 is reached in 14 of the 16 views
+        assert mip[..., 3].sum() == pytest.approx(wanted[..., 3].sum(), rel=0.05)  # thickness is kept
