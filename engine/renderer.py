@@ -18,13 +18,17 @@ import numpy as np
 
 from .buffers import Buffers, gibibytes
 from .camera import Camera
+from .culling import OcclusionMemory
 from .device import choose_device, free_bytes
 from .device_cloud import DeviceCloud, upload_cloud
 from .errors import StippleError
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
+from .group_bounds import bound_groups
 from .maths.projection import make_pose, make_view
+from .placements import place
 from .points.method import PointsFrame
 from .points.resolve import BYTES_PER_SUBPIXEL
+from .quantise import quantise, quantising_bytes_per_splat
 from .rays.host import RasterHost
 from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
@@ -80,7 +84,8 @@ class Renderer:
         self._synchronise_stages = synchronise_stages
         self._raster_host = raster_host
         self._raster: RasterScene | None = None
-        self._clouds: dict[int, tuple[weakref.ref[SplatCloud], DeviceCloud]] = {}
+        self._clouds: dict[tuple[int, str], tuple[weakref.ref[SplatCloud], DeviceCloud]] = {}
+        self._occlusion_memory = OcclusionMemory()
 
     def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
         """All samples of one picture.
@@ -92,30 +97,46 @@ class Renderer:
             frame.render_sample(sample)
         return frame.resolve()
 
-    def device_clouds(self, scene: Scene) -> list[DeviceCloud]:
+    def device_clouds(self, scene: Scene, storage: str) -> list[DeviceCloud]:
         """One per instance, shared by instances of one cloud; drops those the scene no longer has."""
-        clouds = {id(instance.cloud): instance.cloud for instance in scene.instances}
+        clouds = {(id(instance.cloud), storage): instance.cloud for instance in scene.instances}
         self._clouds = {key: held for key, held in self._clouds.items() if key in clouds and held[0]() is clouds[key]}
         for key, cloud in clouds.items():
             if key not in self._clouds:
-                self._clouds[key] = (weakref.ref(cloud), self._upload(cloud))
-        return [self._clouds[id(instance.cloud)][1] for instance in scene.instances]
+                self._clouds[key] = (weakref.ref(cloud), self._upload(cloud, storage))
+        return [self._clouds[id(instance.cloud), storage][1] for instance in scene.instances]
 
-    def _upload(self, cloud: SplatCloud) -> DeviceCloud:
-        if self.device.is_cuda and cloud.nbytes > free_bytes(self.device):
+    def _upload(self, cloud: SplatCloud, storage: str) -> DeviceCloud:
+        is_quantised = storage == "quantised"
+        needed = cloud.splat_count * quantising_bytes_per_splat(cloud.sh_degree) if is_quantised else cloud.nbytes
+        if (self.device.is_cuda or is_quantised) and needed > free_bytes(self.device):
             raise StippleError(
-                f"{cloud.name}: {gibibytes(cloud.nbytes)} are needed on {self.device.alias} and "
+                f"{cloud.name}: {gibibytes(needed)} are needed on {self.device.alias} and "
                 f"{gibibytes(free_bytes(self.device))} are free; render on the CPU or fewer captures at once."
             )
-        return upload_cloud(cloud, self.device)
+        if is_quantised:
+            return quantise(lambda: [cloud], cloud.splat_count, cloud.sh_degree, cloud.name, self.device)
+        uploaded = upload_cloud(cloud, self.device)
+        bound_groups(uploaded, self.device)
+        return uploaded
 
     def shot(self, scene: Scene, camera: Camera, settings: Settings, timer: StageTimer) -> Shot:
         """A scene through a camera, its clouds on the device."""
         with timer.stage("upload"):
-            clouds = self.device_clouds(scene)
+            clouds = self.device_clouds(scene, settings.storage)
         poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
         return Shot(
-            scene, camera, settings, make_view(camera, settings), clouds, poses, self.buffers, timer, self.raster
+            scene=scene,
+            camera=camera,
+            settings=settings,
+            view=make_view(camera, settings),
+            clouds=clouds,
+            poses=poses,
+            placements=place(clouds, poses, self.device),
+            occlusion_memory=self._occlusion_memory,
+            buffers=self.buffers,
+            timer=timer,
+            raster=self.raster,
         )
 
     def raster(self) -> RasterScene:
@@ -137,6 +158,7 @@ class Renderer:
         """Give all device memory back. The renderer can be used again."""
         self.release_raster()
         self._clouds.clear()
+        self._occlusion_memory.forget()
         self.buffers.free()
 
 

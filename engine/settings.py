@@ -10,6 +10,8 @@ from .errors import StippleError
 METHODS = ("points", "sorted", "rays")
 RAY_ORDERS = ("sorted", "stochastic")
 MULTISAMPLES = (1, 2, 4, 8, 16)
+CULLING = ("occlusion", "frustum", "none")
+STORAGE = ("full", "quantised")
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,10 @@ class Settings:
     - `ray_order`: of rays, "sorted" (blended by mean depth) or "stochastic" (per pixel, by where each ray meets a
       splat; accumulates).
     - `multisamples`: of rays in sorted order, rays per pixel in one draw (MSAA); not inside Blender.
+    - `culling`: what *points* leaves out: "occlusion" (hidden or outside the frustum), "frustum" or "none"; *sorted*
+      leaves out what is outside the frustum unless "none". Never changes a picture.
+    - `storage`: of captures on the device, "full" (float32) or "quantised" (21 bytes a splat, 81 with harmonics of
+      degree 3); captures that are too large for the host's memory are always quantised.
     - `small_splat_px`: sorted skips splats whose larger radius is below this [px]; 0 skips none.
 
     Raises StippleError for a value outside its range.
@@ -53,12 +59,18 @@ class Settings:
     small_splat_px: float = 0.0
     ray_order: str = "sorted"
     multisamples: int = 1
+    culling: str = "occlusion"
+    storage: str = "full"
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise StippleError(f"method is {self.method!r}; choose one of {', '.join(METHODS)}.")
         if self.ray_order not in RAY_ORDERS:
             raise StippleError(f"ray_order is {self.ray_order!r}; choose one of {', '.join(RAY_ORDERS)}.")
+        if self.culling not in CULLING:
+            raise StippleError(f"culling is {self.culling!r}; choose one of {', '.join(CULLING)}.")
+        if self.storage not in STORAGE:
+            raise StippleError(f"storage is {self.storage!r}; choose one of {', '.join(STORAGE)}.")
         if self.multisamples not in MULTISAMPLES:
             raise StippleError(f"multisamples is {self.multisamples}; choose one of {MULTISAMPLES}.")
         if self.multisamples > 1 and self.ray_order == "stochastic":

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 from .buffers import Buffers
 from .camera import Camera
+from .culling import OcclusionMemory
 from .device_cloud import DeviceCloud
 from .maths.projection import Pose, View
+from .placements import Placements
 from .scene import Scene
 from .settings import Settings
-from .staging import Staging, stage_splats
+from .staging import Staging, stage_all
 from .timing import StageTimer
 
 if TYPE_CHECKING:
@@ -22,7 +24,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """`clouds` and `poses` run in parallel with the scene's instances.
+    """`clouds` and `poses` run in parallel with the scene's instances; `placements` has both on the device.
+
+    `occlusion_memory` remembers from sample to sample and from frame to frame what hid the rest.
 
     `raster` gives what *rays* draws with, and makes it the first time it is asked: only that method needs a graphics
     context.
@@ -34,11 +38,13 @@ class Shot:
     view: View
     clouds: list[DeviceCloud]
     poses: list[Pose]
+    placements: Placements
+    occlusion_memory: OcclusionMemory
     buffers: Buffers
     timer: StageTimer
     raster: Callable[[], RasterScene]
 
     def stage(self) -> Staging:
-        """Project and colour what the camera sees: the first stage of *points* and *sorted*."""
+        """Project and colour all that is in the frustum, for methods that need it all at once."""
         with self.timer.stage("stage"):
-            return stage_splats(self.clouds, self.poses, self.view, self.buffers)
+            return stage_all(self.placements, self.view, self.buffers, bounded=self.settings.culling != "none")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage 1 of both methods: from all splats of all instances to a list of what the camera can see.
+"""Stage 1 of *points* and *sorted*: from groups of splats to a list of what the camera can see.
 
 Two passes over the splats: `mark_visible` is cheap and conservative, and after a prefix sum `stage_splats` projects
 and colours the survivors into consecutive records, in the order instance, splat. (One pass with an atomic counter
@@ -13,11 +13,17 @@ from dataclasses import dataclass
 import warp as wp
 
 from .buffers import Buffers
+from .culling import ALL, NOT_HIDDEN_NOW, Blocks, Occlusion, cull_groups
+from .depth_pyramid import is_hidden
 from .device import launch
 from .device_cloud import DeviceCloud, read_colour, read_rotation, read_splat
-from .maths.projection import Pose, View, may_be_seen, project_splat
+from .maths.projection import Pose, View, depth_key, footprint, project_splat
+from .placements import Placed, Placements
 
 wp.set_module_options({"enable_backward": False})
+
+PHASE_ALL = wp.constant(ALL)
+PHASE_NOW = wp.constant(NOT_HIDDEN_NOW)
 
 
 @wp.struct
@@ -26,9 +32,18 @@ class Staged:
 
     centre: wp.array(dtype=wp.vec4)  # mean x, y [px of the window], depth z [world units], opacity
     covariance: wp.array(dtype=wp.vec4)  # xx, xy, yy [px²], determinant [px⁴]; dilated
-    colour: wp.array(dtype=wp.vec3)  # as trained (sRGB-encoded), >= 0, may exceed 1
+    colour: wp.array(dtype=wp.vec3)  # as trained (sRGB-encoded), >= 0, may exceed 1; empty where it is found later
     splat: wp.array(dtype=wp.int32)  # index in its cloud
     instance: wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Slab:
+    """Consecutive blocks that are staged together."""
+
+    blocks: wp.array(dtype=wp.vec3i)
+    begin: wp.int32
+    shift: wp.int32  # log₂ of the threads per block
 
 
 @dataclass(frozen=True)
@@ -39,65 +54,106 @@ class Staging:
     count: int
 
 
+@wp.func
+def colour_of(cloud: DeviceCloud, pose: Pose, view: View, i: wp.int32, position: wp.vec3) -> wp.vec3:
+    """A splat's colour as this camera sees it (sRGB-encoded)."""
+    direction = wp.normalize(position - pose.eye_object)
+    if view.orthographic != 0:
+        direction = pose.forward_object
+    return read_colour(cloud, i, view.sh_degree, direction)
+
+
 @wp.kernel
 def mark_visible_kernel(
-    first: wp.int32, cloud: DeviceCloud, view: View, pose: Pose, offset: wp.int32, visible: wp.array(dtype=wp.int32)
+    first: wp.int32, placed: Placed, view: View, occlusion: Occlusion, slab: Slab, visible: wp.array(dtype=wp.int32)
 ) -> None:
-    i = first + wp.tid()
-    splat = read_splat(cloud, i)
-    seen = may_be_seen(view, pose, splat.position, splat.scale, splat.opacity)
-    visible[offset + i] = wp.where(seen, 1, 0)
+    thread = first + wp.tid()
+    block = slab.blocks[slab.begin + (thread >> slab.shift)]
+    local = thread & ((1 << slab.shift) - 1)
+    cloud = placed.cloud[block[0]]
+    i = (block[1] << cloud.groups.shift) + local
+    seen = int(0)
+    if local < (1 << cloud.groups.shift) and i < cloud.splat_count:
+        pose = placed.pose[block[0]]
+        splat = read_splat(cloud, i)
+        p = pose.linear * splat.position + pose.translation
+        f = footprint(view, pose, p, splat.scale, splat.opacity)
+        seen = wp.where(f.seen, 1, 0)
+        if f.seen and occlusion.phase != PHASE_ALL:
+            low, high, key = f.low - view.window_low, f.high - view.window_low, depth_key(p[2], view)
+            if occlusion.phase == PHASE_NOW:
+                drawn = block[2] != 0 and not is_hidden(occlusion.before, low, high, key)
+                if drawn or is_hidden(occlusion.now, low, high, key):
+                    seen = 0
+            elif is_hidden(occlusion.before, low, high, key):
+                seen = 0
+    visible[thread] = seen
 
 
 @wp.kernel
 def stage_splats_kernel(
     first: wp.int32,
-    cloud: DeviceCloud,
+    placed: Placed,
     view: View,
-    pose: Pose,
-    instance: wp.int32,
-    offset: wp.int32,
+    slab: Slab,
     visible: wp.array(dtype=wp.int32),
-    staged_from_splat: wp.array(dtype=wp.int32),  # exclusive prefix sum of visible
+    staged_from_thread: wp.array(dtype=wp.int32),  # exclusive prefix sum of visible
     staged: Staged,
 ) -> None:
-    i = first + wp.tid()
-    if visible[offset + i] == 0:
+    thread = first + wp.tid()
+    if visible[thread] == 0:
         return
-    j = staged_from_splat[offset + i]
+    block = slab.blocks[slab.begin + (thread >> slab.shift)]
+    cloud, pose = placed.cloud[block[0]], placed.pose[block[0]]
+    i = (block[1] << cloud.groups.shift) + (thread & ((1 << slab.shift) - 1))
+    j = staged_from_thread[thread]
     splat = read_splat(cloud, i)
     p = pose.linear * splat.position + pose.translation
     e = project_splat(view, pose, p, splat.scale, read_rotation(cloud, i), splat.opacity)
-    direction = wp.normalize(splat.position - pose.eye_object)
-    if view.orthographic != 0:
-        direction = pose.forward_object
     staged.centre[j] = wp.vec4(e.mean_px[0], e.mean_px[1], p[2], e.opacity)
     staged.covariance[j] = wp.vec4(e.xx, e.xy, e.yy, e.determinant)
-    staged.colour[j] = read_colour(cloud, i, view.sh_degree, direction)
+    if staged.colour.shape[0] > 0:
+        staged.colour[j] = colour_of(cloud, pose, view, i, splat.position)
     staged.splat[j] = i
-    staged.instance[j] = instance
+    staged.instance[j] = block[0]
 
 
-def stage_splats(clouds: list[DeviceCloud], poses: list[Pose], view: View, buffers: Buffers) -> Staging:
-    """Project all splats of all instances; `clouds` and `poses` run in parallel, one pair per instance."""
-    device = buffers.device
-    offsets = [0]
-    for cloud in clouds:
-        offsets.append(offsets[-1] + cloud.splat_count)
-    total = offsets[-1]
-    visible = buffers.array("visible", wp.int32, total)
-    staged_from_splat = buffers.array("staged_from_splat", wp.int32, total)
-    for cloud, pose, offset in zip(clouds, poses, offsets, strict=False):
-        launch(mark_visible_kernel, cloud.splat_count, [cloud, view, pose, offset, visible], device)
-    wp.utils.array_scan(visible, staged_from_splat, inclusive=False)
-    count = int(staged_from_splat[-1:].numpy()[0] + visible[-1:].numpy()[0]) if total else 0
+def stage_blocks(
+    placements: Placements,
+    view: View,
+    occlusion: Occlusion,
+    blocks: Blocks,
+    begin: int,
+    end: int,
+    buffers: Buffers,
+    *,
+    coloured: bool = True,
+) -> Staging:
+    """Project what this phase draws of blocks `begin` … `end` - 1. Reads the number of records back."""
+    placed, device = placements.placed, buffers.device
+    slab = Slab()
+    slab.blocks, slab.begin, slab.shift = blocks.array, begin, placements.group_shift
+    threads = max(end - begin, 0) << placements.group_shift
+    visible = buffers.array("visible", wp.int32, threads)
+    staged_from_thread = buffers.array("staged_from_thread", wp.int32, threads)
+    count = 0
+    if threads:
+        launch(mark_visible_kernel, threads, [placed, view, occlusion, slab, visible], device)
+        wp.utils.array_scan(visible, staged_from_thread, inclusive=False)
+        count = int(staged_from_thread[-1:].numpy()[0] + visible[-1:].numpy()[0])
     staged = Staged()
     staged.centre = buffers.array("staged_centre", wp.vec4, count)
     staged.covariance = buffers.array("staged_covariance", wp.vec4, count)
-    staged.colour = buffers.array("staged_colour", wp.vec3, count)
+    if coloured:
+        staged.colour = buffers.array("staged_colour", wp.vec3, count)
     staged.splat = buffers.array("staged_splat", wp.int32, count)
     staged.instance = buffers.array("staged_instance", wp.int32, count)
-    for index, (cloud, pose, offset) in enumerate(zip(clouds, poses, offsets, strict=False)):
-        inputs = [cloud, view, pose, index, offset, visible, staged_from_splat, staged]
-        launch(stage_splats_kernel, cloud.splat_count, inputs, device)
+    launch(stage_splats_kernel, threads, [placed, view, slab, visible, staged_from_thread, staged], device)
     return Staging(staged, count)
+
+
+def stage_all(placements: Placements, view: View, buffers: Buffers, *, bounded: bool = True) -> Staging:
+    """Project and colour all that is in the frustum."""
+    frustum = Occlusion()
+    blocks = cull_groups(placements, view, frustum, buffers, bounded=bounded)
+    return stage_blocks(placements, view, frustum, blocks, 0, blocks.count, buffers)

@@ -125,15 +125,38 @@ def depth_key(z: wp.float32, view: View) -> wp.uint32:
     return wp.min(bits - view.depth_key_first, DEPTH_KEY_LARGEST)
 
 
-@wp.func
-def may_be_seen(view: View, pose: Pose, position: wp.vec3, scale: wp.vec3, opacity: wp.float32) -> wp.bool:
-    """False only for splats that touch no pixel: outside the clipping range, too faint, or beside the window.
+@wp.struct
+class Footprint:
+    """Pixels that a splat or a group of splats may touch: between two corners of the frame, if at all."""
 
-    Cheap: bounds the ellipse by the circle of the largest scale. NaN fails every comparison and is never seen.
+    seen: wp.bool
+    low: wp.vec2
+    high: wp.vec2
+
+
+@wp.func
+def touching(view: View, low: wp.vec2, high: wp.vec2) -> Footprint:
+    """What lies between two corners; seen if the window overlaps it. NaN fails every comparison and is never seen."""
+    f = Footprint()
+    f.low = low
+    f.high = high
+    f.seen = (
+        high[0] > view.window_low[0]
+        and high[1] > view.window_low[1]
+        and low[0] < view.window_high[0]
+        and low[1] < view.window_high[1]
+    )
+    return f
+
+
+@wp.func
+def footprint(view: View, pose: Pose, p: wp.vec3, scale: wp.vec3, opacity: wp.float32) -> Footprint:
+    """Not seen only if the splat touches no pixel: outside the clipping range, too faint, or beside the window.
+
+    `p` is its mean in camera space. Cheap: bounds the ellipse by the circle of the largest scale.
     """
-    p = pose.linear * position + pose.translation
     if not (p[2] > view.near and p[2] < view.far and opacity >= view.alpha_min):
-        return False
+        return Footprint()
     linear = pose.linear
     stretch = wp.sqrt(wp.ddot(linear, linear))
     sigma = wp.max(scale) * stretch
@@ -148,10 +171,11 @@ def may_be_seen(view: View, pose: Pose, position: wp.vec3, scale: wp.vec3, opaci
     # 3.34 σ is where full opacity falls below 1/255; one pixel more for rounding.
     reach = wp.sqrt(2.0 * wp.log(opacity / view.alpha_min) + 1e-4)
     radius = reach * wp.sqrt(sigma_px * sigma_px + view.dilation_px2) * 1.001 + 1.0
-    x = view.focal_px[0] * p[0] * inverse_z + view.centre_px[0]
-    y = view.focal_px[1] * p[1] * inverse_z + view.centre_px[1]
-    low, high = view.window_low, view.window_high
-    return x > low[0] - radius and y > low[1] - radius and x < high[0] + radius and y < high[1] + radius
+    mean = wp.vec2(
+        view.focal_px[0] * p[0] * inverse_z + view.centre_px[0],
+        view.focal_px[1] * p[1] * inverse_z + view.centre_px[1],
+    )
+    return touching(view, mean - wp.vec2(radius, radius), mean + wp.vec2(radius, radius))
 
 
 @wp.func

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One sample of *points*, stage by stage."""
+"""One sample of *points*, stage by stage.
+
+Where there is room, what the camera sees is staged once and serves all samples. Larger scenes are staged anew for each
+sample, slab by slab, so that working memory does not grow with the scene; there whole groups that others hide are left
+out in two phases (`culling`), and colours are found at the end, for what was seen.
+"""
 
 from __future__ import annotations
 
@@ -9,33 +14,46 @@ import numpy as np
 import warp as wp
 
 from ..buffers import Buffers
+from ..culling import Blocks, Occlusion, cull_groups
 from ..film import Film
 from ..maths.random import stream_key
 from ..shot import Shot
+from ..staging import Staging, stage_blocks
 from .counts import draw_counts
 from .distribute import distribute, distribute_pass
 from .rates import find_rates
-from .resolve import resolve_points
+from .resolve import Subpixels, resolve_records, resolve_splats
 from .splat import BATCH_CPU, splat_points
 
 BATCHES_PER_LAUNCH = 1 << 19  # some 8 M points: a quarter of a second on two cores, so a host can cancel in time
+KEPT_SPLATS = 1 << 23  # scenes of up to so many splats in the frustum keep their records, 96 bytes each
+SLABS = 20  # larger ones work on a twentieth at a time, which is under 5 bytes per splat of the scene
+SMALLEST_SLAB, LARGEST_SLAB = 1 << 20, 1 << 24  # splats
 
 
 class PointsFrame:
-    """Renders samples of one camera's view of staged splats."""
+    """Renders samples of one camera's view."""
 
     def __init__(self, shot: Shot) -> None:
         settings, buffers = shot.settings, shot.buffers
         self.sample_count = settings.samples
         self.points = 0
+        self.splats_visible = 0
         self.warnings: tuple[str, ...] = ()
-        self._staging, self._view, self._settings = shot.stage(), shot.view, settings
-        self.splats_visible = self._staging.count
-        self._instance_count, self._buffers, self._timer = len(shot.clouds), buffers, shot.timer
+        self._shot, self._view, self._settings = shot, shot.view, settings
+        self._buffers, self._timer = buffers, shot.timer
         # On a CPU a batch is a register of lanes; counts were already rounded to multiples of K.
         self._batch = settings.points_per_thread if buffers.device.is_cuda else BATCH_CPU
-        with shot.timer.stage("rates"):
-            self._rates = find_rates(self._staging, self._view, settings.supersampling, buffers)
+        self._kept: tuple[Staging, wp.array] | None = None
+        blocks = self._blocks(Occlusion())
+        shift = shot.placements.group_shift
+        if blocks.count << shift <= KEPT_SPLATS:
+            with shot.timer.stage("stage"):
+                staging = stage_blocks(shot.placements, self._view, Occlusion(), blocks, 0, blocks.count, buffers)
+            self._kept = (staging, self._rates(staging))
+            self.splats_visible = staging.count
+        slab = min(max(shot.placements.splat_count // SLABS, SMALLEST_SLAB), LARGEST_SLAB)
+        self._blocks_per_slab = max(1, slab >> shift)
 
     @property
     def blends(self) -> int:
@@ -44,24 +62,86 @@ class PointsFrame:
 
     def render_sample(self, sample: int, film: Film, checkpoint: Callable[[], None]) -> None:
         """Add sample number `sample` to the film; `checkpoint` is called between launches and may raise."""
-        settings, buffers, timer = self._settings, self._buffers, self._timer
-        s = settings.supersampling
-        frame = buffers.array("visibility", wp.uint64, film.width * film.height * s * s)
-        with timer.stage("clear"):
+        s, placed = self._settings.supersampling, self._shot.placements.placed
+        frame = self._buffers.array("visibility", wp.uint64, film.width * film.height * s * s)
+        with self._timer.stage("clear"):
             frame.fill_(0xFFFFFFFFFFFFFFFF)
-        if self._staging.count:
-            self._throw(sample, frame, checkpoint)
-        with timer.stage("resolve"):
-            resolve_points(self._staging.arrays, self._view, s, frame, film)
+        subpixels = Subpixels()
+        subpixels.words, subpixels.per_side, subpixels.columns = frame, s, film.width
+        stream = self._streams(sample)
+        if self._kept is not None:
+            staging, rates = self._kept
+            self._throw(staging, rates, stream, None, frame, checkpoint)
+            with self._timer.stage("resolve"):
+                resolve_records(staging.arrays, subpixels, film)
+            return
+        self.splats_visible = 0
+        if self._settings.culling == "occlusion":
+            self._throw_in_two_phases(stream, frame, (film.width, film.height), checkpoint)
+        else:
+            self._throw_slabs(Occlusion(), stream, frame, checkpoint)
+        with self._timer.stage("resolve"):
+            resolve_splats(placed, self._view, subpixels, film)
 
-    def _throw(self, sample: int, frame: wp.array, checkpoint: Callable[[], None]) -> None:
-        settings, buffers, timer, staging = self._settings, self._buffers, self._timer, self._staging
-        keys = [stream_key(settings.seed, sample, instance) for instance in range(self._instance_count)]
-        stream = buffers.array("stream", wp.uint32, self._instance_count)
-        stream.assign(np.array(keys, np.uint32))
+    def _streams(self, sample: int) -> wp.array:
+        """Per instance the random stream of a sample."""
+        count = self._shot.placements.instance_count
+        keys = [stream_key(self._settings.seed, sample, instance) for instance in range(count)]
+        stream = self._buffers.array("stream", wp.uint32, count)
+        if count:
+            stream.assign(np.array(keys, np.uint32))
+        return stream
+
+    def _blocks(self, occlusion: Occlusion) -> Blocks:
+        with self._timer.stage("cull"):
+            bounded = self._settings.culling != "none"
+            return cull_groups(self._shot.placements, self._view, occlusion, self._buffers, bounded=bounded)
+
+    def _rates(self, staging: Staging) -> wp.array:
+        with self._timer.stage("rates"):
+            return find_rates(staging, self._view, self._settings.supersampling, self._buffers)
+
+    def _throw_in_two_phases(
+        self, stream: wp.array, frame: wp.array, size: tuple[int, int], checkpoint: Callable[[], None]
+    ) -> None:
+        memory = self._shot.occlusion_memory
+        first = memory.first_phase(size)
+        self._throw_slabs(first, stream, frame, checkpoint)
+        with self._timer.stage("pyramid"):
+            second = memory.second_phase(first, frame, size, self._settings.supersampling, self._buffers)
+        self._throw_slabs(second, stream, frame, checkpoint)
+
+    def _throw_slabs(
+        self, occlusion: Occlusion, stream: wp.array, frame: wp.array, checkpoint: Callable[[], None]
+    ) -> None:
+        placements, blocks = self._shot.placements, self._blocks(occlusion)
+        for begin in range(0, blocks.count, self._blocks_per_slab):
+            checkpoint()
+            end = min(begin + self._blocks_per_slab, blocks.count)
+            with self._timer.stage("stage"):
+                staging = stage_blocks(
+                    placements, self._view, occlusion, blocks, begin, end, self._buffers, coloured=False
+                )
+            self.splats_visible += staging.count
+            rates = self._rates(staging)
+            self._throw(staging, rates, stream, placements.placed.first_splat, frame, checkpoint)
+
+    def _throw(
+        self,
+        staging: Staging,
+        rates: wp.array,
+        stream: wp.array,
+        first_splat: wp.array | None,
+        frame: wp.array,
+        checkpoint: Callable[[], None],
+    ) -> None:
+        """Throw the points of staged splats into `frame`."""
+        if staging.count == 0:
+            return
+        settings, buffers, timer, view = self._settings, self._buffers, self._timer, self._view
         s, k = settings.supersampling, settings.points_per_thread
         with timer.stage("counts"):
-            drawn = draw_counts(staging, self._view, self._rates, stream, s, k, self._batch, buffers)
+            drawn = draw_counts(staging, view, rates, stream, s, k, self._batch, buffers)
         with timer.stage("distribute"):
             distribution = distribute(*drawn, buffers)
         batches_in_flight = max(1, settings.max_points // self._batch)
@@ -79,7 +159,7 @@ class PointsFrame:
                 work = distribute_pass(distribution, begin, end, buffers)
             with timer.stage("splat"):
                 splat_points(
-                    staging.arrays, self._view, work, self._rates, stream, s, self._batch, frame, buffers.device
+                    staging.arrays, view, work, rates, stream, first_splat, s, self._batch, frame, buffers.device
                 )
         self.points += _sum(drawn[0], buffers)
 

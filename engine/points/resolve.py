@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Look up what each subpixel saw and add the pixel's mean to the film (§3.1: box filter over s × s subpixels)."""
+"""Look up what each subpixel saw and add the pixel's mean to the film (§3.1: box filter over s × s subpixels).
+
+Subpixels name the staged record that they saw, or, where records were not kept, the splat's number in the scene; its
+colour is then found here, for what was seen and nothing else.
+"""
 
 from __future__ import annotations
 
 import warp as wp
 
 from ..device import launch
+from ..device_cloud import read_splat
 from ..film import Film, FilmSums
 from ..maths.projection import View
-from ..staging import Staged
+from ..placements import Placed, instance_of
+from ..staging import Staged, colour_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,33 +23,75 @@ NOTHING = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 IDENTITY_MASK = wp.constant(wp.uint64((1 << 36) - 1))
 
 
-@wp.kernel
-def resolve_points_kernel(
-    first: wp.int32, staged: Staged, view: View, subpixels: wp.int32, frame: wp.array(dtype=wp.uint64), film: FilmSums
-) -> None:
-    pixel = first + wp.tid()
-    width = int(view.window_high[0] - view.window_low[0])
-    y = pixel / width
-    x = pixel - y * width
-    rgb = wp.vec3(0.0, 0.0, 0.0)
-    depth = float(0.0)
-    seen = float(0.0)
-    for sub_y in range(subpixels):
-        row = (y * subpixels + sub_y) * (width * subpixels) + x * subpixels
-        for sub_x in range(subpixels):
-            word = frame[row + sub_x]
-            if word != NOTHING:
-                i = int(word & IDENTITY_MASK)
-                rgb += staged.colour[i]
-                depth += staged.centre[i][2]
-                seen += 1.0
-    weight = 1.0 / float(subpixels * subpixels)
-    film.colour[pixel] += wp.vec4d(wp.vec4(rgb[0] * weight, rgb[1] * weight, rgb[2] * weight, seen * weight))
+@wp.struct
+class Subpixels:
+    """The visibility buffer of a window, rows from the top."""
+
+    words: wp.array(dtype=wp.uint64)
+    per_side: wp.int32  # of a pixel
+    columns: wp.int32  # of the window [px]
+
+
+@wp.func
+def word_of(subpixels: Subpixels, pixel: wp.int32, sub: wp.int32) -> wp.uint64:
+    """The word of subpixel number `sub` of a pixel."""
+    s = subpixels.per_side
+    y = pixel / subpixels.columns
+    x = pixel - y * subpixels.columns
+    return subpixels.words[(y * s + sub / s) * (subpixels.columns * s) + x * s + sub % s]
+
+
+@wp.func
+def add_pixel(film: FilmSums, pixel: wp.int32, seen: wp.vec4, depth: wp.float32, count: wp.int32) -> None:
+    """Add sums over `count` subpixels: colour and how many saw something, depth."""
+    weight = 1.0 / float(count)
+    film.colour[pixel] += wp.vec4d(seen * weight)
     film.depth[pixel] += wp.float64(depth * weight)
 
 
-def resolve_points(staged: Staged, view: View, subpixels: int, frame: wp.array, film: Film) -> None:
-    """Add one sample to the film."""
-    inputs = [staged, view, subpixels, frame, film.sums]
-    launch(resolve_points_kernel, film.width * film.height, inputs, film.device)
+@wp.kernel
+def resolve_records_kernel(first: wp.int32, staged: Staged, subpixels: Subpixels, film: FilmSums) -> None:
+    pixel = first + wp.tid()
+    count = subpixels.per_side * subpixels.per_side
+    seen = wp.vec4(0.0, 0.0, 0.0, 0.0)
+    depth = float(0.0)
+    for sub in range(count):
+        word = word_of(subpixels, pixel, sub)
+        if word != NOTHING:
+            i = int(word & IDENTITY_MASK)
+            rgb = staged.colour[i]
+            seen += wp.vec4(rgb[0], rgb[1], rgb[2], 1.0)
+            depth += staged.centre[i][2]
+    add_pixel(film, pixel, seen, depth, count)
+
+
+@wp.kernel
+def resolve_splats_kernel(first: wp.int32, placed: Placed, view: View, subpixels: Subpixels, film: FilmSums) -> None:
+    pixel = first + wp.tid()
+    count = subpixels.per_side * subpixels.per_side
+    seen = wp.vec4(0.0, 0.0, 0.0, 0.0)
+    depth = float(0.0)
+    for sub in range(count):
+        word = word_of(subpixels, pixel, sub)
+        if word != NOTHING:
+            number = wp.int64(word & IDENTITY_MASK)
+            instance = instance_of(placed.first_splat, placed.count, number)
+            i = int(number - placed.first_splat[instance])
+            cloud, pose = placed.cloud[instance], placed.pose[instance]
+            position = read_splat(cloud, i).position
+            rgb = colour_of(cloud, pose, view, i, position)
+            seen += wp.vec4(rgb[0], rgb[1], rgb[2], 1.0)
+            depth += (pose.linear * position + pose.translation)[2]
+    add_pixel(film, pixel, seen, depth, count)
+
+
+def resolve_records(staged: Staged, subpixels: Subpixels, film: Film) -> None:
+    """Add one sample to the film, whose words name staged records."""
+    launch(resolve_records_kernel, film.width * film.height, [staged, subpixels, film.sums], film.device)
+    film.samples += 1
+
+
+def resolve_splats(placed: Placed, view: View, subpixels: Subpixels, film: Film) -> None:
+    """Add one sample to the film, whose words name splats of the scene."""
+    launch(resolve_splats_kernel, film.width * film.height, [placed, view, subpixels, film.sums], film.device)
     film.samples += 1

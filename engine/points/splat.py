@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Throw the points and keep the nearest: sampling (§3.4, appendices A and B) and splatting (§3.1).
 
-The framebuffer is a visibility buffer, one 64-bit word per subpixel: 28 bits of depth above 36 bits of identity (the
-staged index), taken down by atomic minimum. Equal depths are won by the lower index, as in *sorted*.
+The framebuffer is a visibility buffer, one 64-bit word per subpixel: 28 bits of depth above 36 bits of identity, taken
+down by atomic minimum. The identity is the number of the staged record where records are kept until the sample is
+resolved, else the splat's number in the scene; both count in the same order, so that equal depths are won by the same
+splat, as in *sorted*.
 
 The body is C++ because it must be: Warp compiles a scalar kernel for the CPU, and these plain loops over 16 lanes
 become vector instructions (4× the points per second of the same arithmetic in a Warp kernel, one Xeon core).
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from ..depth_pyramid import IDENTITY_BITS
 from ..device import launch
 from ..maths.dilogarithm import LI2_INVERSE_NATIVE, li2
 from ..maths.projection import View, depth_key
@@ -24,7 +27,6 @@ from .rates import FILLED, support_box
 wp.set_module_options({"enable_backward": False})
 
 BATCH_CPU = 16  # points per batch; the lanes of one AVX-512 or two AVX2 registers
-IDENTITY_BITS = wp.constant(wp.uint64(36))
 
 
 @wp.struct
@@ -149,6 +151,7 @@ def splat_points_kernel(
     work: Work,
     rates: wp.array(dtype=wp.float32),
     stream: wp.array(dtype=wp.uint32),
+    first_splat: wp.array(dtype=wp.int64),
     subpixels: wp.int32,
     batch_size: wp.int32,
     frame: wp.array(dtype=wp.uint64),
@@ -177,7 +180,10 @@ def splat_points_kernel(
     batch.frame_width = int(view.frame_px[0]) * subpixels
     batch.alpha_min = view.alpha_min
     batch.alpha_max = view.alpha_max
-    batch.word = (wp.uint64(depth_key(centre[2], view)) << IDENTITY_BITS) | wp.uint64(i)
+    identity = wp.uint64(i)
+    if first_splat.shape[0] > 0:
+        identity = wp.uint64(first_splat[staged.instance[i]] + wp.int64(staged.splat[i]))
+    batch.word = (wp.uint64(depth_key(centre[2], view)) << IDENTITY_BITS) | identity
     splat_batch(batch, frame)
 
 
@@ -187,11 +193,15 @@ def splat_points(
     work: Work,
     rates: wp.array,
     stream: wp.array,
+    first_splat: wp.array | None,
     subpixels: int,
     batch_size: int,
     frame: wp.array,
     device: wp.Device,
 ) -> None:
-    """Throw all batches of a pass. `frame` holds one word per subpixel of the window, rows from the top."""
-    inputs = [staged, view, work, rates, stream, subpixels, batch_size, frame]
+    """Throw all batches of a pass. `frame` holds one word per subpixel of the window, rows from the top.
+
+    `first_splat` is what to add to a splat's index for its number in the scene, per instance; None writes records.
+    """
+    inputs = [staged, view, work, rates, stream, first_splat, subpixels, batch_size, frame]
     launch(splat_points_kernel, work.run_from_batch.size, inputs, device)
