@@ -16,19 +16,17 @@ from typing import Protocol
 
 import numpy as np
 
-from .buffers import Buffers, gibibytes
+from .buffers import Buffers
 from .camera import Camera
+from .cloud_upload import DeviceSource, Progress, upload_any
 from .culling import OcclusionMemory
-from .device import choose_device, free_bytes
-from .device_cloud import DeviceCloud, upload_cloud
-from .errors import StippleError
+from .device import choose_device
+from .device_cloud import DeviceCloud
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
-from .group_bounds import bound_groups
 from .maths.projection import make_pose, make_view
 from .placements import place
 from .points.method import PointsFrame
 from .points.resolve import BYTES_PER_SUBPIXEL
-from .quantise import quantise, quantising_bytes_per_splat
 from .rays.host import RasterHost
 from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
@@ -39,9 +37,6 @@ from .shot import Shot
 from .sorted.method import SortedFrame
 from .splats import SplatCloud
 from .timing import StageTimer
-
-Progress = Callable[[float, str], None]
-"""Called between launches with the fraction done and a word on what is being done; raise `Cancelled` to stop."""
 
 
 class MethodFrame(Protocol):
@@ -84,7 +79,7 @@ class Renderer:
         self._synchronise_stages = synchronise_stages
         self._raster_host = raster_host
         self._raster: RasterScene | None = None
-        self._clouds: dict[tuple[int, str], tuple[weakref.ref[SplatCloud], DeviceCloud]] = {}
+        self._clouds: dict[tuple[int, str], tuple[weakref.ref[SplatCloud | DeviceSource], DeviceCloud]] = {}
         self._occlusion_memory = OcclusionMemory()
 
     def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
@@ -97,33 +92,21 @@ class Renderer:
             frame.render_sample(sample)
         return frame.resolve()
 
-    def device_clouds(self, scene: Scene, storage: str) -> list[DeviceCloud]:
+    def device_clouds(self, scene: Scene, storage: str, progress: Progress) -> list[DeviceCloud]:
         """One per instance, shared by instances of one cloud; drops those the scene no longer has."""
         clouds = {(id(instance.cloud), storage): instance.cloud for instance in scene.instances}
         self._clouds = {key: held for key, held in self._clouds.items() if key in clouds and held[0]() is clouds[key]}
         for key, cloud in clouds.items():
             if key not in self._clouds:
-                self._clouds[key] = (weakref.ref(cloud), self._upload(cloud, storage))
+                self._clouds[key] = (weakref.ref(cloud), upload_any(cloud, self.device, storage, progress))
         return [self._clouds[id(instance.cloud), storage][1] for instance in scene.instances]
 
-    def _upload(self, cloud: SplatCloud, storage: str) -> DeviceCloud:
-        is_quantised = storage == "quantised"
-        needed = cloud.splat_count * quantising_bytes_per_splat(cloud.sh_degree) if is_quantised else cloud.nbytes
-        if (self.device.is_cuda or is_quantised) and needed > free_bytes(self.device):
-            raise StippleError(
-                f"{cloud.name}: {gibibytes(needed)} are needed on {self.device.alias} and "
-                f"{gibibytes(free_bytes(self.device))} are free; render on the CPU or fewer captures at once."
-            )
-        if is_quantised:
-            return quantise(lambda: [cloud], cloud.splat_count, cloud.sh_degree, cloud.name, self.device)
-        uploaded = upload_cloud(cloud, self.device)
-        bound_groups(uploaded, self.device)
-        return uploaded
-
-    def shot(self, scene: Scene, camera: Camera, settings: Settings, timer: StageTimer) -> Shot:
+    def shot(
+        self, scene: Scene, camera: Camera, settings: Settings, timer: StageTimer, progress: Progress | None = None
+    ) -> Shot:
         """A scene through a camera, its clouds on the device."""
         with timer.stage("upload"):
-            clouds = self.device_clouds(scene, settings.storage)
+            clouds = self.device_clouds(scene, settings.storage, progress or (lambda fraction, text: None))
         poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
         return Shot(
             scene=scene,
@@ -183,7 +166,7 @@ class Frame:
         buffers = renderer.buffers
         _, _, width, height = camera.rendered_window
         self.checkpoint("loading")
-        shot = renderer.shot(scene, camera, settings, self.timer)
+        shot = renderer.shot(scene, camera, settings, self.timer, progress)
         self.checkpoint("sorting")
         buffers.check(picture_bytes(width * height, settings), f"a picture of {width}×{height} px")
         self.film = Film(width, height, buffers)

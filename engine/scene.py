@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from .splats import SplatCloud
+
+if TYPE_CHECKING:
+    from .cloud_upload import DeviceSource
 
 
 def identity_transform() -> npt.NDArray[np.float64]:
@@ -19,12 +23,13 @@ def identity_transform() -> npt.NDArray[np.float64]:
 class Instance:
     """One placement of a cloud. Instances of one cloud share its memory on the device.
 
+    - `cloud`: splats in host memory, or what makes itself on the device.
     - `world_from_object` (3, 4) float64: any affine map; its linear part may scale unevenly, shear or mirror.
     - `name`: of the object, for messages.
     - `object_index`: the host's pass index, for masks.
     """
 
-    cloud: SplatCloud
+    cloud: SplatCloud | DeviceSource
     world_from_object: npt.NDArray[np.float64] = field(default_factory=identity_transform)
     name: str = ""
     object_index: int = 0

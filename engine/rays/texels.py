@@ -7,6 +7,7 @@ A float holds whole numbers exactly up to 2²⁴ only, so larger ones travel as 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -88,7 +89,7 @@ def pack_instances(scene: Scene, camera: Camera) -> tuple[FloatArray, list[Splat
     the cloud's SH degree; the cloud's first texel (high, low), texels per splat, and how many Jacobi sweeps the
     linear part needs (none where it only turns, mirrors and scales evenly). Composed in float64.
     """
-    clouds = list({id(instance.cloud): instance.cloud for instance in scene.instances}.values())
+    clouds: list[Any] = list({id(instance.cloud): instance.cloud for instance in scene.instances}.values())
     sizes = [cloud.splat_count * texels_per_splat(cloud.sh_degree) for cloud in clouds]
     first_texel = {id(cloud): sum(sizes[:k]) for k, cloud in enumerate(clouds)}
     texels = np.zeros((len(scene.instances), INSTANCE_TEXELS, 4), np.float32)
