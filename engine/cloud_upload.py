@@ -23,7 +23,7 @@ Progress = Callable[[float, str], None]
 
 
 class DeviceSource(Protocol):
-    """A cloud that the host does not hold: a capture's file, a generated scene. Recognised by identity, as a SplatCloud.
+    """A cloud that the host does not hold: a capture's file, a generated scene. It is recognised by identity.
 
     `nbytes` is what it needs on the device while it is uploaded; `bounds` as `SplatCloud.bounds`.
     """

@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Leave out whole groups of splats that no pixel can see (§3.5 of doi 10.1145/3811272): outside the frustum, or hidden.
-
-Hidden is what lies behind everything that a depth pyramid holds. Two phases make that exact: the first draws what
-the pyramid of the picture *before* does not hide, a guess; the second draws all else that the pyramid *now*, made of
-what the first has drawn, does not hide. What is left out could not have won a single subpixel, so the picture is the
-same bit for bit, whatever the guess was.
-"""
+"""Leave out whole groups of splats that lie outside the frustum (§3.5 of doi 10.1145/3811272)."""
 
 from __future__ import annotations
 
@@ -14,59 +8,15 @@ from dataclasses import dataclass
 import warp as wp
 
 from .buffers import Buffers
-from .depth_pyramid import DepthPyramid, build_depth_pyramid, is_hidden
 from .device import launch
 from .groups import SplatGroups, group_reach
-from .maths.projection import Footprint, Pose, View, depth_key, touching
+from .maths.projection import Footprint, Pose, View, touching
 from .placements import Placed, Placements, instance_of
 
 wp.set_module_options({"enable_backward": False})
 
-ALL, NOT_HIDDEN_BEFORE, NOT_HIDDEN_NOW = 0, 1, 2  # phases; ALL is the frustum only
-PHASE_BEFORE = wp.constant(NOT_HIDDEN_BEFORE)
-PHASE_NOW = wp.constant(NOT_HIDDEN_NOW)
+FATE_NEW = wp.constant(0)  # of a block: nothing is known of it but that it is in the frustum
 BOUNDLESS = wp.constant(1e17)  # standard deviations above this are not trusted to arithmetic
-
-
-@wp.struct
-class Occlusion:
-    """Which phase it is, and what hides."""
-
-    phase: wp.int32
-    before: DepthPyramid
-    now: DepthPyramid
-
-
-class OcclusionMemory:
-    """The pyramid of the sample before, of this frame or the last: the guess of the first phase.
-
-    Two buffers take turns, so that the pyramid before is whole while the one now is built.
-    """
-
-    def __init__(self) -> None:
-        self._before: tuple[tuple[int, int], DepthPyramid] | None = None
-        self._turn = 0
-
-    def first_phase(self, size: tuple[int, int]) -> Occlusion:
-        """For a window of `size` [px]; a memory of another size is of no use."""
-        occlusion = Occlusion()
-        occlusion.phase = NOT_HIDDEN_BEFORE
-        if self._before is not None and self._before[0] == size:
-            occlusion.before = self._before[1]
-        return occlusion
-
-    def second_phase(
-        self, first: Occlusion, visibility: wp.array, size: tuple[int, int], subpixels: int, buffers: Buffers
-    ) -> Occlusion:
-        """After the first phase has drawn into `visibility`; remembers that for the next sample."""
-        self._turn = 1 - self._turn
-        first.phase = NOT_HIDDEN_NOW
-        first.now = build_depth_pyramid(visibility, *size, subpixels, f"depth_pyramid_{self._turn}", buffers)
-        self._before = (size, first.now)
-        return first
-
-    def forget(self) -> None:
-        self._before = None
 
 
 @wp.struct
@@ -79,7 +29,7 @@ class GroupBounds:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Groups to be drawn: (instance, group, whether the first phase draws it) each, ordered by instance and group."""
+    """Groups that may have to be drawn, as (instance, group, fate); what a fate is, `occlusion` decides."""
 
     array: wp.array
     count: int
@@ -144,65 +94,47 @@ def bound_group(view: View, pose: Pose, groups: SplatGroups, group: wp.int32) ->
 
 @wp.kernel
 def cull_groups_kernel(
-    first: wp.int32,
-    placed: Placed,
-    view: View,
-    occlusion: Occlusion,
-    bounded: wp.int32,
-    states: wp.array(dtype=wp.int32),
-    kept: wp.array(dtype=wp.int32),
+    first: wp.int32, placed: Placed, view: View, bounded: wp.int32, kept: wp.array(dtype=wp.int32)
 ) -> None:
     number = first + wp.tid()
     instance = instance_of(placed.first_group, placed.count, wp.int64(number))
     group = number - int(placed.first_group[instance])
-    state = int(1)
+    seen = bool(True)
     if bounded != 0:
-        bounds = bound_group(view, placed.pose[instance], placed.cloud[instance].groups, group)
-        state = wp.where(bounds.footprint.seen, 1, 0)
-        if state != 0 and occlusion.phase != 0:
-            low, high = bounds.footprint.low - view.window_low, bounds.footprint.high - view.window_low
-            key = depth_key(wp.max(bounds.nearest, view.near), view)
-            hidden_before = is_hidden(occlusion.before, low, high, key)
-            if occlusion.phase == PHASE_BEFORE:
-                state = wp.where(hidden_before, 0, 1)
-            elif is_hidden(occlusion.now, low, high, key):
-                state = 0
-            elif hidden_before:
-                state = 2  # for the second phase, which need not ask what the first has drawn of it
-    states[number] = state
-    kept[number] = wp.where(state != 0, 1, 0)
+        seen = bound_group(view, placed.pose[instance], placed.cloud[instance].groups, group).footprint.seen
+    kept[number] = wp.where(seen, 1, 0)
 
 
 @wp.kernel
-def list_blocks_kernel(
+def list_groups_kernel(
     first: wp.int32,
     placed: Placed,
-    states: wp.array(dtype=wp.int32),
+    kept: wp.array(dtype=wp.int32),
     block_from_group: wp.array(dtype=wp.int32),
     blocks: wp.array(dtype=wp.vec3i),
 ) -> None:
     number = first + wp.tid()
-    if states[number] == 0:
-        return
-    instance = instance_of(placed.first_group, placed.count, wp.int64(number))
-    group = number - int(placed.first_group[instance])
-    blocks[block_from_group[number]] = wp.vec3i(instance, group, wp.where(states[number] == 1, 1, 0))
+    if kept[number] != 0:
+        instance = instance_of(placed.first_group, placed.count, wp.int64(number))
+        group = number - int(placed.first_group[instance])
+        blocks[block_from_group[number]] = wp.vec3i(instance, group, FATE_NEW)
 
 
-def cull_groups(
-    placements: Placements, view: View, occlusion: Occlusion, buffers: Buffers, *, bounded: bool = True
-) -> Blocks:
-    """The groups that this phase may have to draw; all there are, if not `bounded`. Reads their number back."""
+def cull_groups(placements: Placements, view: View, buffers: Buffers, *, bounded: bool = True) -> Blocks:
+    """The groups in the frustum, by instance and group; all there are, if not `bounded`. Reads their number back."""
     count = placements.group_count
     if count == 0:
         return Blocks(buffers.array("blocks", wp.vec3i, 0), 0)
-    states = buffers.array("group_states", wp.int32, count)
     kept = buffers.array("group_kept", wp.int32, count)
-    block_from_group = buffers.array("block_from_group", wp.int32, count)
-    inputs = [placements.placed, view, occlusion, int(bounded), states, kept]
-    launch(cull_groups_kernel, count, inputs, buffers.device)
-    wp.utils.array_scan(kept, block_from_group, inclusive=False)
-    block_count = int(block_from_group[-1:].numpy()[0] + kept[-1:].numpy()[0])
+    launch(cull_groups_kernel, count, [placements.placed, view, int(bounded), kept], buffers.device)
+    block_from_group, block_count = _places(kept, buffers)
     blocks = buffers.array("blocks", wp.vec3i, block_count)
-    launch(list_blocks_kernel, count, [placements.placed, states, block_from_group, blocks], buffers.device)
+    launch(list_groups_kernel, count, [placements.placed, kept, block_from_group, blocks], buffers.device)
     return Blocks(blocks, block_count)
+
+
+def _places(kept: wp.array, buffers: Buffers) -> tuple[wp.array, int]:
+    """Where each kept entry goes in a list of them, and how many there are."""
+    places = buffers.array("group_places", wp.int32, kept.size)
+    wp.utils.array_scan(kept, places, inclusive=False)
+    return places, int(places[-1:].numpy()[0] + kept[-1:].numpy()[0])

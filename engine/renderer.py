@@ -19,11 +19,11 @@ import numpy as np
 from .buffers import Buffers
 from .camera import Camera
 from .cloud_upload import DeviceSource, Progress, upload_any
-from .culling import OcclusionMemory
 from .device import choose_device
 from .device_cloud import DeviceCloud
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
 from .maths.projection import make_pose, make_view
+from .occlusion import OcclusionMemory
 from .placements import place
 from .points.method import PointsFrame
 from .points.resolve import BYTES_PER_SUBPIXEL

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from .buffers import Buffers
 from .camera import Camera
-from .culling import OcclusionMemory
 from .device_cloud import DeviceCloud
 from .maths.projection import Pose, View
+from .occlusion import OcclusionMemory
 from .placements import Placements
 from .scene import Scene
 from .settings import Settings

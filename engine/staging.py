@@ -13,17 +13,14 @@ from dataclasses import dataclass
 import warp as wp
 
 from .buffers import Buffers
-from .culling import ALL, NOT_HIDDEN_NOW, Blocks, Occlusion, cull_groups
-from .depth_pyramid import is_hidden
+from .culling import Blocks, cull_groups
 from .device import launch
 from .device_cloud import DeviceCloud, read_colour, read_rotation, read_splat
 from .maths.projection import Pose, View, depth_key, footprint, project_splat
+from .occlusion import FATE_HIDDEN, Occlusion, is_left_out
 from .placements import Placed, Placements
 
 wp.set_module_options({"enable_backward": False})
-
-PHASE_ALL = wp.constant(ALL)
-PHASE_NOW = wp.constant(NOT_HIDDEN_NOW)
 
 
 @wp.struct
@@ -69,25 +66,23 @@ def mark_visible_kernel(
 ) -> None:
     thread = first + wp.tid()
     block = slab.blocks[slab.begin + (thread >> slab.shift)]
+    visible[thread] = 0
+    if block[2] == FATE_HIDDEN:
+        return
     local = thread & ((1 << slab.shift) - 1)
     cloud = placed.cloud[block[0]]
     i = (block[1] << cloud.groups.shift) + local
-    seen = int(0)
-    if local < (1 << cloud.groups.shift) and i < cloud.splat_count:
-        pose = placed.pose[block[0]]
-        splat = read_splat(cloud, i)
-        p = pose.linear * splat.position + pose.translation
-        f = footprint(view, pose, p, splat.scale, splat.opacity)
-        seen = wp.where(f.seen, 1, 0)
-        if f.seen and occlusion.phase != PHASE_ALL:
-            low, high, key = f.low - view.window_low, f.high - view.window_low, depth_key(p[2], view)
-            if occlusion.phase == PHASE_NOW:
-                drawn = block[2] != 0 and not is_hidden(occlusion.before, low, high, key)
-                if drawn or is_hidden(occlusion.now, low, high, key):
-                    seen = 0
-            elif is_hidden(occlusion.before, low, high, key):
-                seen = 0
-    visible[thread] = seen
+    if local >= (1 << cloud.groups.shift) or i >= cloud.splat_count:
+        return
+    pose = placed.pose[block[0]]
+    splat = read_splat(cloud, i)
+    p = pose.linear * splat.position + pose.translation
+    f = footprint(view, pose, p, splat.scale, splat.opacity)
+    if not f.seen:
+        return
+    low, high = f.low - view.window_low, f.high - view.window_low
+    if not is_left_out(occlusion, block[2], low, high, depth_key(p[2], view)):
+        visible[thread] = 1
 
 
 @wp.kernel
@@ -154,6 +149,5 @@ def stage_blocks(
 
 def stage_all(placements: Placements, view: View, buffers: Buffers, *, bounded: bool = True) -> Staging:
     """Project and colour all that is in the frustum."""
-    frustum = Occlusion()
-    blocks = cull_groups(placements, view, frustum, buffers, bounded=bounded)
-    return stage_blocks(placements, view, frustum, blocks, 0, blocks.count, buffers)
+    blocks = cull_groups(placements, view, buffers, bounded=bounded)
+    return stage_blocks(placements, view, Occlusion(), blocks, 0, blocks.count, buffers)

@@ -14,9 +14,10 @@ import numpy as np
 import warp as wp
 
 from ..buffers import Buffers
-from ..culling import Blocks, Occlusion, cull_groups
+from ..culling import Blocks, cull_groups
 from ..film import Film
 from ..maths.random import stream_key
+from ..occlusion import SECOND_PHASE, Occlusion, front_to_back, hide_blocks, select_blocks
 from ..shot import Shot
 from ..staging import Staging, stage_blocks
 from .counts import draw_counts
@@ -45,13 +46,19 @@ class PointsFrame:
         # On a CPU a batch is a register of lanes; counts were already rounded to multiples of K.
         self._batch = settings.points_per_thread if buffers.device.is_cuda else BATCH_CPU
         self._kept: tuple[Staging, wp.array] | None = None
-        blocks = self._blocks(Occlusion())
+        with shot.timer.stage("cull"):
+            bounded = settings.culling != "none"
+            blocks = cull_groups(shot.placements, self._view, buffers, bounded=bounded)
         shift = shot.placements.group_shift
         if blocks.count << shift <= KEPT_SPLATS:
             with shot.timer.stage("stage"):
                 staging = stage_blocks(shot.placements, self._view, Occlusion(), blocks, 0, blocks.count, buffers)
             self._kept = (staging, self._rates(staging))
             self.splats_visible = staging.count
+        elif settings.culling == "occlusion":
+            with shot.timer.stage("cull"):
+                blocks = front_to_back(blocks, shot.placements, self._view, buffers)
+        self._blocks = blocks
         slab = min(max(shot.placements.splat_count // SLABS, SMALLEST_SLAB), LARGEST_SLAB)
         self._blocks_per_slab = max(1, slab >> shift)
 
@@ -79,7 +86,7 @@ class PointsFrame:
         if self._settings.culling == "occlusion":
             self._throw_in_two_phases(stream, frame, (film.width, film.height), checkpoint)
         else:
-            self._throw_slabs(Occlusion(), stream, frame, checkpoint)
+            self._throw_slabs(self._blocks, Occlusion(), stream, frame, checkpoint)
         with self._timer.stage("resolve"):
             resolve_splats(placed, self._view, subpixels, film)
 
@@ -92,11 +99,6 @@ class PointsFrame:
             stream.assign(np.array(keys, np.uint32))
         return stream
 
-    def _blocks(self, occlusion: Occlusion) -> Blocks:
-        with self._timer.stage("cull"):
-            bounded = self._settings.culling != "none"
-            return cull_groups(self._shot.placements, self._view, occlusion, self._buffers, bounded=bounded)
-
     def _rates(self, staging: Staging) -> wp.array:
         with self._timer.stage("rates"):
             return find_rates(staging, self._view, self._settings.supersampling, self._buffers)
@@ -104,27 +106,42 @@ class PointsFrame:
     def _throw_in_two_phases(
         self, stream: wp.array, frame: wp.array, size: tuple[int, int], checkpoint: Callable[[], None]
     ) -> None:
-        memory = self._shot.occlusion_memory
-        first = memory.first_phase(size)
-        self._throw_slabs(first, stream, frame, checkpoint)
-        with self._timer.stage("pyramid"):
-            second = memory.second_phase(first, frame, size, self._settings.supersampling, self._buffers)
-        self._throw_slabs(second, stream, frame, checkpoint)
+        memory, placements, view = self._shot.occlusion_memory, self._shot.placements, self._view
+        occlusion = memory.begin(size)
+
+        def look() -> None:
+            with self._timer.stage("pyramid"):
+                memory.look(occlusion, frame, size, self._settings.supersampling, self._buffers)
+
+        for phase in (occlusion.phase, SECOND_PHASE):
+            occlusion.phase = phase
+            with self._timer.stage("cull"):
+                blocks = select_blocks(self._blocks, placements, view, occlusion, self._buffers)
+            self._throw_slabs(blocks, occlusion, stream, frame, checkpoint, look)
 
     def _throw_slabs(
-        self, occlusion: Occlusion, stream: wp.array, frame: wp.array, checkpoint: Callable[[], None]
+        self,
+        blocks: Blocks,
+        occlusion: Occlusion,
+        stream: wp.array,
+        frame: wp.array,
+        checkpoint: Callable[[], None],
+        look: Callable[[], None] | None = None,
     ) -> None:
-        placements, blocks = self._shot.placements, self._blocks(occlusion)
+        """Throw all blocks, a slab at a time; `look` at what has been drawn after each slab."""
+        placements, view, buffers = self._shot.placements, self._view, self._buffers
         for begin in range(0, blocks.count, self._blocks_per_slab):
             checkpoint()
             end = min(begin + self._blocks_per_slab, blocks.count)
+            if begin > 0 and look is not None:
+                with self._timer.stage("cull"):
+                    hide_blocks(blocks, begin, end, placements, view, occlusion.now, buffers.device)
             with self._timer.stage("stage"):
-                staging = stage_blocks(
-                    placements, self._view, occlusion, blocks, begin, end, self._buffers, coloured=False
-                )
+                staging = stage_blocks(placements, view, occlusion, blocks, begin, end, buffers, coloured=False)
             self.splats_visible += staging.count
-            rates = self._rates(staging)
-            self._throw(staging, rates, stream, placements.placed.first_splat, frame, checkpoint)
+            self._throw(staging, self._rates(staging), stream, placements.placed.first_splat, frame, checkpoint)
+            if look is not None:
+                look()
 
     def _throw(
         self,
