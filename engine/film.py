@@ -7,6 +7,7 @@ the millionth sample counts as much as the first.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,13 +95,23 @@ class Film:
         self.sums.colour.zero_()
         self.sums.depth.zero_()
 
-    def resolve(self, background: tuple[float, float, float] | None, stats: RenderStats) -> Picture:
-        """The mean so far over `background` (sRGB-encoded; None leaves it transparent). May be called at any time."""
+    def resolve(
+        self,
+        background: tuple[float, float, float] | None,
+        stats: RenderStats,
+        finish: Callable[[wp.array, wp.array], None] | None = None,
+    ) -> Picture:
+        """The mean so far over `background` (sRGB-encoded; None leaves it transparent). May be called at any time.
+
+        `finish` may change the picture's rgba and depth on the device before they are read back.
+        """
         count = self.width * self.height
         rgba, depth = self._rgba, self._mean_depth
         behind = wp.vec4(0.0, 0.0, 0.0, 0.0) if background is None else wp.vec4(*background, 1.0)
         inputs = [self.sums, float(max(self.samples, 1)), behind, rgba, depth]
         launch(resolve_film_kernel, count, inputs, self.device)
+        if finish is not None:
+            finish(rgba, depth)
         return Picture(
             # Copies: the buffers are written again by the next frame.
             rgba=np.array(rgba.numpy().reshape(self.height, self.width, 4)),

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+import warp as wp
 
 from .buffers import Buffers
 from .camera import Camera
@@ -31,6 +32,7 @@ from .rays.host import RasterHost
 from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
 from .rays.uploads import RasterScene
+from .reprojection import History
 from .scene import Scene
 from .settings import Settings
 from .shot import Shot
@@ -81,6 +83,7 @@ class Renderer:
         self._raster: RasterScene | None = None
         self._clouds: dict[tuple[int, str], tuple[weakref.ref[SplatCloud | DeviceSource], DeviceCloud]] = {}
         self._occlusion_memory = OcclusionMemory()
+        self.history = History()
 
     def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
         """All samples of one picture.
@@ -142,6 +145,7 @@ class Renderer:
         self.release_raster()
         self._clouds.clear()
         self._occlusion_memory.forget()
+        self.history.forget()
         self.buffers.free()
 
 
@@ -160,7 +164,8 @@ class Frame:
         self, renderer: Renderer, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None
     ) -> None:
         self._begin = time.perf_counter()
-        self._scene, self._progress, self._renderer = scene, progress, renderer
+        self._scene, self._camera, self._settings = scene, camera, settings
+        self._progress, self._renderer = progress, renderer
         self._done = 0.0
         self.timer = StageTimer(renderer.device, renderer._synchronise_stages)
         buffers = renderer.buffers
@@ -185,10 +190,14 @@ class Frame:
         self._done = min(1.0, self.film.samples / self.sample_count)
         self.checkpoint()
 
+    def _reproject(self, rgba: wp.array, depth: wp.array) -> None:
+        self._renderer.history.mix(rgba, depth, self._camera, self._renderer.buffers)
+
     def resolve(self) -> Picture:
-        """The mean of the samples so far."""
+        """The mean of the samples so far; with `reprojection` to be asked for once, as each call enters the next."""
         with self.timer.stage("film"):
-            picture = self.film.resolve(self._scene.background, RenderStats())
+            finish = self._reproject if self._settings.reprojection else None
+            picture = self.film.resolve(self._scene.background, RenderStats(), finish)
         stats = picture.stats
         stats.peak_bytes = self._renderer.buffers.peak_bytes
         stats.splats_visible = self.method.splats_visible

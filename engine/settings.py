@@ -39,6 +39,8 @@ class Settings:
       leaves out what is outside the frustum unless "none". Never changes a picture.
     - `storage`: of captures on the device, "full" (float32) or "quantised" (21 bytes a splat, 81 with harmonics of
       degree 3); captures that are too large for the host's memory are always quantised.
+    - `reprojection`: mix the last frame of the same renderer in, carried over to where the camera now sees it; for a
+      moving camera in interactive use, never for final frames.
     - `small_splat_px`: sorted skips splats whose larger radius is below this [px]; 0 skips none.
 
     Raises StippleError for a value outside its range.
@@ -61,6 +63,7 @@ class Settings:
     multisamples: int = 1
     culling: str = "occlusion"
     storage: str = "full"
+    reprojection: bool = False
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
