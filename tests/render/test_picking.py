@@ -43,9 +43,9 @@ def test_a_pixel_outside_is_refused(renderer: Renderer) -> None:
 @pytest.mark.parametrize("storage", ["full", "quantised"])
 def test_picks_are_where_the_picture_sees_something(renderer: Renderer, storage: str) -> None:
     """The picked depth lies among the depths that the mean depth of the pixel is a mean of."""
-    shifted = np.array([[1, 0, 0, 0.3], [0, 1, 0, 0], [0, 0, 1, -0.5]], float)
+    beside = np.array([[1, 0, 0, 0.37], [0, 1, 0, 0], [0, 0, 1, 0]], float)
     cloud = random_cloud(3_000, 1, opacity=(0.3, 1.0))
-    scene = Scene((Instance(cloud), Instance(cloud, shifted)))
+    scene = Scene((Instance(cloud), Instance(cloud, beside)))
     settings = Settings(method="sorted", storage=storage)
     picture = renderer.render(scene, front_camera(), settings)
     picked = []
