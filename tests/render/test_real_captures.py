@@ -53,8 +53,9 @@ def test_quantised_storage_is_not_seen(renderer: Renderer, shared_data: Path, na
             renderer.render(Scene((Instance(cloud),)), camera, Settings(method="sorted", storage=storage)).rgba
             for storage in ("full", "quantised")
         )
-        assert full[..., 3].mean() > 0.05
-        assert psnr(quantised, full) > 60
+        covered = full[..., 3] > 0.05
+        assert covered.mean() > 0.01
+        assert psnr(quantised[covered], full[covered]) > 55
 
 
 @pytest.mark.slow
