@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from stipple.engine.camera import Camera
 from stipple.engine.scene import Instance, Scene
-from stipple.engine.splats import SH_C0, SH_REST_COUNT, SplatCloud
+from stipple.engine.splats import ARRAY_NAMES, SH_C0, SH_REST_COUNT, SplatCloud
 
 FRAME = (64, 48)  # width, height [px]
 FOCAL_PX = 60.0
@@ -90,3 +90,17 @@ def random_cloud(
         rng.normal(size=(count, 4)),
         rng.normal(0.0, 0.15, (count, SH_REST_COUNT[sh_degree], 3)),
     )
+
+
+def absurd_cloud() -> SplatCloud:
+    """Every field holds every kind of nonsense once, among some honest splats."""
+    bad = np.array([np.nan, np.inf, -np.inf, 0.0, 1e30, -1e30, 1e-30, -1.0, 3e38], np.float32)
+    good = random_cloud(12 * len(bad) + 10, 5, sh_degree=2)
+    arrays = {name: np.array(getattr(good, name)) for name in ARRAY_NAMES}
+    row = 0
+    for array in arrays.values():
+        for value in bad:
+            array.reshape(len(array), -1)[row, 0] = value  # in one component
+            array[row + 1] = value  # in all
+            row += 2
+    return SplatCloud(**arrays)

@@ -58,7 +58,7 @@ class RaysFrame:
         self.points, self.blends = 0, 0
         self.warnings: tuple[str, ...] = ()
         with shot.timer.stage("textures"):
-            raster.upload(shot.scene, shot.camera)
+            raster.upload(shot)
         self._variant = Variant(stochastic=settings.ray_order == "stochastic", paged=raster.pages > 1)
         with shot.timer.stage("order"):
             self.splats_visible = raster.upload_order(shot).count

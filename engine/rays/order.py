@@ -128,7 +128,7 @@ def order_key(shot: Shot) -> tuple[object, ...]:
     camera, settings = shot.camera, shot.settings
     placed = tuple((i.cloud, np.asarray(i.world_from_object, np.float64).tobytes()) for i in shot.scene.instances)
     lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far, camera.projection)
-    cut = (least_opacity(settings), settings.dilation_px2, settings.ray_order)
+    cut = (least_opacity(settings), settings.dilation_px2, settings.ray_order, settings.storage)
     return placed, np.asarray(camera.camera_from_world).tobytes(), lens, camera.rendered_window, cut
 
 

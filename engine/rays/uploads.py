@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..camera import Camera
-from ..scene import Scene
 from .host import RasterHost
 from .interface import INSTANCES, ORDER, SPLATS
 from .order import DrawOrder, find_order, order_key
@@ -31,23 +29,24 @@ class RasterScene:
         self.host = host
         self.given_order: DrawOrder | None = None
         self.pages = 0  # of `SPLATS` in use
-        self._held: list[object] = []
+        self._held: list[tuple[object, str]] = []
         self._order_key: tuple[object, ...] = ()
         self._order: DrawOrder | None = None
 
-    def upload(self, scene: Scene, camera: Camera) -> None:
+    def upload(self, shot: Shot) -> None:
         """Clouds (if they are other ones than before) and instances."""
-        instances, clouds = pack_instances(scene, camera)
+        instances, clouds = pack_instances(shot.scene, shot.camera, shot.clouds)
         largest = self.host.largest_texture
         self.host.upload(INSTANCES, as_rectangle(instances, largest, largest, "instances"))
-        if len(clouds) != len(self._held) or any(a is not b for a, b in zip(clouds, self._held, strict=True)):
-            self._held = []
-            pages = splat_pages(clouds, largest, len(SPLATS))
-            self.pages = 0
+        storage = shot.settings.storage  # decides which splat is which
+        wanted = [(cloud, storage) for cloud in {id(i.cloud): i.cloud for i in shot.scene.instances}.values()]
+        if wanted != self._held:  # clouds are equal only to themselves
+            self._held, self.pages = [], 0
+            pages = splat_pages(clouds, largest, len(SPLATS), shot.buffers)
             for texture, page in zip_longest(SPLATS, pages):
                 self.host.upload(texture, NO_TEXELS if page is None else page)
                 self.pages += page is not None
-            self._held = list(clouds)
+            self._held = wanted
 
     def upload_order(self, shot: Shot) -> DrawOrder:
         """The order of drawing, sorted and uploaded again only when the camera or the scene has changed."""

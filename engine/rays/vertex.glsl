@@ -2,24 +2,31 @@
 //
 // One corner of one splat's quad (RayGS, section 4.1), and the splat's colour.
 
+// Page, column and row of a texel in pages of equal size, row by row. Whole numbers: a float ends at 2^24.
+ivec3 place_of(int texel, ivec2 size) {
+  int page = texel / (size.x * size.y);
+  int within = texel - page * size.x * size.y;
+  return ivec3(page, within % size.x, within / size.x);
+}
+
 // Only the last page in use may be smaller than the first.
 vec4 splat_texel(int index) {
   ivec2 size = textureSize(splats_0, 0);
 #ifdef PAGED
-  int page = index / (size.x * size.y);
-  index -= page * size.x * size.y;
-  ivec2 at = ivec2(index % size.x, index / size.x);
-  if (page == 1) {
-    return texelFetch(splats_1, at, 0);
+  ivec3 place = place_of(index, size);
+  if (place.x == 1) {
+    return texelFetch(splats_1, place.yz, 0);
   }
-  if (page == 2) {
-    return texelFetch(splats_2, at, 0);
+  if (place.x == 2) {
+    return texelFetch(splats_2, place.yz, 0);
   }
-  if (page == 3) {
-    return texelFetch(splats_3, at, 0);
+  if (place.x == 3) {
+    return texelFetch(splats_3, place.yz, 0);
   }
-#endif
+  return texelFetch(splats_0, place.yz, 0);
+#else
   return texelFetch(splats_0, ivec2(index % size.x, index / size.x), 0);
+#endif
 }
 
 vec4 instance_texel(int index) {
@@ -67,6 +74,10 @@ int joined(vec2 parts) { // whole numbers beyond a float's 24 bits travel in two
   return int(parts.x) * 65536 + int(parts.y);
 }
 
+int first_texel(vec2 cloud, int splat, int per_splat) { // of a splat's record; `cloud` is its cloud's first
+  return joined(cloud) + splat * per_splat;
+}
+
 uint scrambled(uint x) { // PCG of Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020
   x = x * 747796405u + 2891336453u;
   x = ((x >> ((x >> 28u) + 4u)) ^ x) * 277803737u;
@@ -86,7 +97,7 @@ void main() {
   vec4 row2 = instance_texel(instance * INSTANCE_TEXELS + 2);
   vec4 eye = instance_texel(instance * INSTANCE_TEXELS + 3); // in object space; forward for an orthographic camera. SH degree
   vec4 place = instance_texel(instance * INSTANCE_TEXELS + 4); // first texel of the cloud in two parts, texels per splat, sweeps
-  int record = joined(place.xy) + splat * int(place.z);
+  int record = first_texel(place.xy, splat, int(place.z));
 
   bool parallel = modes.x != 0;
   vec4 position = splat_texel(record); // and opacity

@@ -8,7 +8,10 @@ import re
 import numpy as np
 import pytest
 
+from stipple.engine.buffers import Buffers
 from stipple.engine.camera import Camera
+from stipple.engine.device import choose_device
+from stipple.engine.device_cloud import upload_cloud
 from stipple.engine.errors import StippleError
 from stipple.engine.rays import interface
 from stipple.engine.rays.host import batch_corners, batch_triangles
@@ -16,14 +19,15 @@ from stipple.engine.rays.order import find_order
 from stipple.engine.rays.texels import (
     as_rectangle,
     keeps_angles,
-    pack_cloud,
     pack_instances,
     pack_order,
+    splat_pages,
     texels_per_splat,
 )
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
+from stipple.engine.splats import SplatCloud
 from stipple.engine.timing import StageTimer
 from tests.oracle.rays import gather, opacities, pixel_rays
 from tests.scenes import cloud_of, front_camera, random_cloud, scene_of
@@ -36,10 +40,19 @@ def order_of(scene: Scene, camera: Camera, by_depth: bool = True) -> list[tuple[
     return list(zip(order.splat.tolist(), order.instance.tolist(), strict=True))
 
 
+def records_of(cloud: SplatCloud, device: str) -> np.ndarray:
+    """(N, texels per splat, 4), packed on the device, over pages of 49 texels that end inside records."""
+    buffers = Buffers(choose_device(device))
+    pages = splat_pages([upload_cloud(cloud, buffers.device)], 7, 64, buffers)
+    texels = np.concatenate([page.reshape(-1, 4) for page in pages])
+    per_splat = texels_per_splat(cloud.sh_degree)
+    return texels[: cloud.splat_count * per_splat].reshape(-1, per_splat, 4)
+
+
 @pytest.mark.parametrize("degree", range(5))
-def test_records_hold_every_value_once(degree: int) -> None:
+def test_records_hold_every_value_once(device: str, degree: int) -> None:
     cloud = random_cloud(7, degree, sh_degree=degree)
-    records = pack_cloud(cloud)
+    records = records_of(cloud, device)
     assert records.shape == (7, texels_per_splat(degree), 4)
     assert (records[:, 0] == np.column_stack([cloud.position, cloud.opacity])).all()
     assert (records[:, 1] == cloud.rotation).all()
@@ -54,8 +67,9 @@ def test_instances_share_the_records_of_a_cloud() -> None:
     first, second = random_cloud(7, 1, sh_degree=3), random_cloud(9, 2)
     moved = np.hstack([np.eye(3), [[1.0], [2.0], [3.0]]])
     scene = Scene((Instance(first), Instance(second), Instance(first, moved)))
-    texels, clouds = pack_instances(scene, front_camera())
-    assert [cloud is wanted for cloud, wanted in zip(clouds, (first, second), strict=True)] == [True, True]
+    held = [upload_cloud(cloud, choose_device("cpu")) for cloud in (first, second)]
+    texels, clouds = pack_instances(scene, front_camera(), [held[0], held[1], held[0]])
+    assert [cloud is wanted for cloud, wanted in zip(clouds, held, strict=True)] == [True, True]
     starts = texels[:, 4, 0] * 65536 + texels[:, 4, 1]
     assert starts.tolist() == [0, 7 * 16, 0]
     assert texels[:, 4, 3].tolist() == [0, 0, 0]  # no sweeps where a map keeps angles

@@ -259,12 +259,13 @@ def blend_by_pixel(
     alpha_min: float,
     alpha_max: float,
 ) -> tuple[Float64Array, Float64Array]:
-    """As `blend_by_mean`, with ν by each pixel's τ(x). Every primitive is evaluated everywhere."""
-    both = [opacities(splats, k, origins, directions, alpha_min, alpha_max) for k in range(len(boxes))]
+    """As `blend_by_mean`, with ν by each pixel's τ(x). Every primitive that shows is evaluated everywhere."""
+    shown = np.flatnonzero((boxes[:, 0] < boxes[:, 1]) & (boxes[:, 2] < boxes[:, 3]))
+    both = [opacities(splats, k, origins, directions, alpha_min, alpha_max) for k in shown]
     omega, tau = (np.stack(arrays) for arrays in zip(*both, strict=True))
     order = np.argsort(tau, axis=0, kind="stable")
     omega, tau = np.take_along_axis(omega, order, axis=0), np.take_along_axis(tau, order, axis=0)
     left = np.cumprod(1.0 - omega, axis=0)
     weight = omega * np.concatenate([np.ones_like(left[:1]), left[:-1]])
-    rgb = np.einsum("khw,khwc->chw", weight, splats.colour[order])
+    rgb = np.einsum("khw,khwc->chw", weight, splats.colour[shown][order])
     return np.concatenate([rgb, weight.sum(axis=0)[None], (weight * tau).sum(axis=0)[None]]), left[-1]

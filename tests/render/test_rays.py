@@ -13,12 +13,9 @@ import numpy as np
 import pytest
 
 from stipple.engine.camera import Camera
-from stipple.engine.errors import StippleError
-from stipple.engine.rays.texels import texels_per_splat
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
-from stipple.engine.splats import ARRAY_NAMES, SplatCloud
 from tests.oracle.rays import render as oracle
 from tests.scenes import cloud_of, front_camera, random_cloud, scene_of
 from tests.stats.convergence import convergence_slope, find_plateau
@@ -142,62 +139,6 @@ def test_stochastic_is_repeatable_and_moves_with_the_seed(rays: Renderer) -> Non
     assert (first != other).any()
 
 
-def test_crossing_splats_swap_where_they_cross(rays: Renderer) -> None:
-    """Two opaque sheets that cross: each side shows its nearer one, which no order of means can give."""
-    sheets = cloud_of(
-        [[0, 0, 4.0], [0, 0, 4.0]],
-        [20.0, 20.0, 0.01],
-        1.0,
-        [[1, 0, 0], [0, 1, 0]],
-        [[np.cos(0.3), 0, np.sin(0.3), 0], [np.cos(0.3), 0, -np.sin(0.3), 0]],
-    )
-    rgba = rays.render(scene_of(sheets), front_camera(), plain(samples=64, ray_order="stochastic")).rgba
-    left, right = rgba[:, 2:26].mean(axis=(0, 1)), rgba[:, 38:62].mean(axis=(0, 1))
-    assert max(left[0], left[1]) > 0.9
-    assert (left[0] > left[1]) != (right[0] > right[1])
-    assert min(left[0], left[1]) < 0.1
-    mixed = (rgba[..., :2].min(axis=-1) > 0.1).sum(axis=1)
-    assert mixed.max() <= 2  # the line is as wide as a pixel or two
-
-
-def absurd_cloud() -> SplatCloud:
-    """Every field holds every kind of nonsense once, among some honest splats."""
-    bad = np.array([np.nan, np.inf, -np.inf, 0.0, 1e30, -1e30, 1e-30, -1.0, 3e38], np.float32)
-    good = random_cloud(12 * len(bad) + 10, 5, sh_degree=2)
-    arrays = {name: np.array(getattr(good, name)) for name in ARRAY_NAMES}
-    row = 0
-    for array in arrays.values():
-        for value in bad:
-            array.reshape(len(array), -1)[row, 0] = value  # in one component
-            array[row + 1] = value  # in all
-            row += 2
-    return SplatCloud(**arrays)
-
-
-@pytest.mark.parametrize("projection", ["pinhole", "orthographic"])
-@pytest.mark.parametrize("order", ["sorted", "stochastic"])
-@pytest.mark.parametrize(("dilation_px2", "antialiased"), FILTERS)
-def test_absurd_input_makes_no_nan(
-    rays: Renderer, projection: str, order: str, dilation_px2: float, antialiased: bool
-) -> None:
-    settings = plain(samples=4, dilation_px2=dilation_px2, antialiased=antialiased, ray_order=order)
-    camera = front_camera(projection=projection, far=3e38, fx=12.0 if projection == "orthographic" else 60.0)
-    picture = rays.render(scene_of(absurd_cloud()), camera, settings)
-    assert np.isfinite(picture.rgba).all()
-    assert not np.isnan(picture.depth).any()
-    assert picture.rgba[..., 3].mean() > 0.1  # the honest ones are seen
-
-
-def test_nothing_to_draw(rays: Renderer) -> None:
-    """No instance, and a million splats behind the camera."""
-    empty = rays.render(Scene((), (0.1, 0.2, 0.3)), front_camera(), plain())
-    np.testing.assert_allclose(empty.rgba, np.broadcast_to([0.1, 0.2, 0.3, 1.0], empty.rgba.shape), rtol=1e-6)
-    behind = np.random.default_rng(1).normal(size=(1_000_000, 3)) - [0, 0, 10]
-    picture = rays.render(scene_of(cloud_of(behind, 0.1, 0.5, 0.5)), front_camera(), plain())
-    assert (picture.rgba == 0).all()
-    assert picture.stats.splats_visible == 0
-
-
 def test_an_order_is_found_and_uploaded_once_for_a_view(monkeypatch: pytest.MonkeyPatch, rays: Renderer) -> None:
     """And found again whenever the camera, an instance or a setting that culls has changed."""
     uploads: list[str] = []
@@ -219,38 +160,6 @@ def test_an_order_is_found_and_uploaded_once_for_a_view(monkeypatch: pytest.Monk
     assert uploaded(scene_of(cloud), moved) == ["draw_order"]
     assert uploaded(Scene((turned,)), moved) == ["draw_order"]
     assert uploaded(Scene((turned,)), moved, dilation_px2=0.3) == ["draw_order"]
-
-
-def test_captures_may_fill_several_textures(monkeypatch: pytest.MonkeyPatch, rays: Renderer) -> None:
-    """Records across the ends of pages, clouds across pages, and a page too many."""
-    host = rays.raster().host
-    scene = scene_of(random_cloud(200, 1, sh_degree=3), random_cloud(70, 2), random_cloud(90, 3, sh_degree=2))
-    camera = front_camera()
-    whole = rays.render(scene, camera, plain())
-    for largest, pages in ((43, 3), (37, 4)):  # 4,380 texels
-        monkeypatch.setattr(host, "largest_texture", largest)
-        assert -(-4380 // largest**2) == pages
-        fresh = Scene(tuple(Instance(replace(instance.cloud)) for instance in scene.instances))
-        assert (rays.render(fresh, camera, plain()).rgba == whole.rgba).all()
-    monkeypatch.setattr(host, "largest_texture", 33)
-    with pytest.raises(StippleError, match="4,380 texels and this graphics device's 4 largest textures have 4,356"):
-        rays.render(scene, camera, plain())
-    monkeypatch.undo()
-    agrees(rays, scene, camera)
-
-
-@pytest.mark.slow
-def test_splats_beyond_two_to_the_24th_texel_are_found(rays: Renderer) -> None:
-    """800,000 degree-4 splats of which only the last 60 can be seen: 17.6 M texels, in floats' odd range."""
-    few, many = random_cloud(60, 1, sh_degree=4), 800_000
-    arrays = {name: np.zeros((many, *getattr(few, name).shape[1:]), np.float32) for name in ARRAY_NAMES}
-    for name, array in arrays.items():
-        array[-60:] = getattr(few, name)
-    arrays["rotation"][:-60, 0] = 1.0
-    seen = rays.render(scene_of(SplatCloud(**arrays)), front_camera(), plain())
-    assert many * texels_per_splat(4) > 1 << 24
-    assert seen.stats.splats_visible <= 60
-    assert (seen.rgba == rays.render(scene_of(few), front_camera(), plain()).rgba).all()
 
 
 def test_a_scene_that_changes_is_uploaded_again(rays: Renderer) -> None:
