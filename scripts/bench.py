@@ -3,10 +3,12 @@
 
 Needs Warp, NumPy and plyfile only. Every stage waits for the device, so a stage's time is its own. Medians are over
 `--repeats` frames after one that compiles and warms up. On a CPU, a rate "per core" is work per core second of the
-stage (the threads' processor time added up), which other work on the machine hardly changes.
+stage (the threads' processor time added up), which other work on the machine hardly changes. For *rays*, vertex and
+fill work are told apart; where its graphics driver is not the device, both are printed.
 
     scripts/bench --device cpu --json bench.json
     scripts/bench --preset sample --method points --supersampling 2 --threads 1
+    scripts/bench --device cuda:0 --large
 """
 
 from __future__ import annotations
@@ -16,8 +18,10 @@ import json
 import platform
 import statistics
 import sys
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +33,11 @@ from stipple.engine.camera import Camera, look_at
 from stipple.engine.errors import StippleError
 from stipple.engine.formats import read_splats
 from stipple.engine.formats.cameras_file import read_cameras
-from stipple.engine.renderer import Renderer
+from stipple.engine.rays.host import Draw
+from stipple.engine.renderer import Frame, Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import METHODS, Settings
-from stipple.engine.splats import SplatCloud
+from stipple.engine.splats import ARRAY_NAMES, SplatCloud
 from stipple.scripts.sample_capture import build_sample
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -40,6 +45,8 @@ REAL = ROOT.parent / "shared" / "data" / "real"
 SIZE = (1920, 1080)
 # The stage whose speed is quoted, and what it works on.
 RATES = {"points": ("splat", "points"), "sorted": ("blend", "blends"), "rays": ("draw", "quads")}
+
+HALVES = ("vertex", "fill")  # of a draw of rays
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,22 @@ def sample(splat_count: int) -> tuple[SplatCloud, Camera]:
     return build_sample(splat_count), Camera(pose, width, height, focal, focal, width / 2, height / 2, near=0.05)
 
 
+def forest(splat_count: int) -> tuple[SplatCloud, Camera]:
+    """Copies of the sample in a square, seen from one corner: distinct splats, for the memory's sake."""
+    tile, pitch = build_sample(250_000), 2.3  # its own size
+    copies = max(1, round(splat_count / tile.splat_count))
+    side = int(np.ceil(np.sqrt(copies)))
+    arrays = {name: np.concatenate([getattr(tile, name)] * copies) for name in ARRAY_NAMES}
+    place = np.arange(copies)
+    shift = np.column_stack([place % side, np.zeros(copies), place // side]) * pitch
+    arrays["position"] += np.repeat(shift, tile.splat_count, axis=0).astype(np.float32)
+    width, height = SIZE
+    focal, middle = 0.5 * height / np.tan(np.radians(40.0) / 2), pitch * (side - 1) / 2
+    reach = pitch * side
+    pose = look_at((middle + 0.5 * reach, -0.6 * reach, middle - 1.1 * reach), (middle, -0.4, middle))
+    return SplatCloud(**arrays), Camera(pose, width, height, focal, focal, width / 2, height / 2, near=0.05)
+
+
 def koala() -> tuple[SplatCloud, Camera] | None:
     if not REAL.is_dir():
         return None
@@ -70,13 +93,21 @@ PRESETS = {
     "sample": Preset("260,000 splats, the project's own sample, SH degree 3", lambda: sample(260_000)),
     "playbot-sized": Preset("500,000 splats, the same sample, denser", lambda: sample(500_000)),
 }
+LARGE = {
+    f"forest-{million}M": Preset(
+        f"{million} M splats, copies of the sample side by side", partial(forest, million * 10**6)
+    )
+    for million in (1, 5, 25)
+}
 
 
 def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Settings, repeats: int) -> dict[str, Any]:
     """Stage medians [ms] and rates of one method; each repeat is a frame of one sample per subpixel."""
     scene = Scene((Instance(cloud),))
     renderer.render(scene, camera, settings)
-    frames = [renderer.render(scene, camera, settings).stats for _ in range(repeats)]
+    # A near plane that differs by a millionth shows the same splats, but no frame can take the order of the one before.
+    cameras = [replace(camera, near=camera.near * (1.0 + 1e-6 * k)) for k in range(1, repeats + 1)]
+    frames = [renderer.render(scene, view, settings).stats for view in cameras]
     stage, unit = RATES[settings.method]
     work = {"points": frames[0].points, "blends": frames[0].blends, "quads": frames[0].splats_visible}[unit]
     rates = sorted(work / stats.stage_seconds[stage] for stats in frames)
@@ -97,6 +128,33 @@ def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Set
         "rate_per_core_second": None if renderer.device.is_cuda else statistics.median(core_rates),
         "buffer_bytes": frames[0].peak_bytes,
     }
+
+
+def vertex_and_fill(
+    renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Settings, repeats: int
+) -> dict[str, Any]:
+    """Milliseconds and splats per second of the two halves of a draw of *rays*.
+
+    Three draws in turn, medians of each: of nothing (clearing and reading back), of all quads moved out of the
+    picture, which does the vertex work and fills no pixel, and of the picture. Their differences are the halves.
+    """
+    frame = Frame(renderer, Scene((Instance(cloud),)), camera, settings)
+    host = renderer.raster().host
+    picture: Draw = frame.method.draw_of(0)  # type: ignore[attr-defined]
+    fx, fy, cx, cy = picture.constants["lens"]
+    beside = replace(picture, constants=picture.constants | {"lens": (fx, fy, cx + 1e9, cy)})
+    seconds: list[list[float]] = []
+    for _ in range(repeats + 1):
+        seconds.append([])
+        for draw in (replace(picture, splat_count=0), beside, picture):
+            begin = time.perf_counter()
+            host.draw(draw)
+            seconds[-1].append(time.perf_counter() - begin)
+    halves = np.median(np.diff(np.array(seconds[1:]), axis=1), axis=0)
+    result = {}
+    for name, half in zip(HALVES, halves.tolist(), strict=True):
+        result |= {f"{name}_ms": 1e3 * half, f"{name}_splats_per_second": picture.splat_count / half}
+    return result
 
 
 def machine(renderer: Renderer) -> dict[str, Any]:
@@ -128,6 +186,9 @@ def print_row(preset: str, method: str, row: dict[str, Any]) -> None:
         f"{row['rate_per_second'] / 1e6:7.3g} M/s{f'  {per_core / 1e6:7.3g} M/s per core' if per_core else ''}\n"
         f"{'':22} {stages}"
     )
+    if "vertex_ms" in row:
+        halves = (f"{n} {row[f'{n}_ms']:.1f} ms, {row[f'{n}_splats_per_second'] / 1e6:.3g} M splats/s" for n in HALVES)
+        print(f"{'':22} {'  '.join(halves)} on {row['graphics']}")
 
 
 def parse() -> argparse.Namespace:
@@ -139,6 +200,7 @@ def parse() -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--preset", choices=PRESETS, action="append", help="may be repeated; default: all")
+    parser.add_argument("--large", action="store_true", help="1, 5 and 25 M splats instead of the presets")
     parser.add_argument("--method", choices=METHODS, action="append", help="may be repeated; default: all")
     parser.add_argument("--device", default="auto", help="auto (default), cpu or cuda:N")
     parser.add_argument("--supersampling", type=int, default=1)
@@ -154,8 +216,9 @@ def main() -> None:
     renderer = Renderer(options.device, synchronise_stages=True)
     result: dict[str, Any] = {"machine": machine(renderer), "size": SIZE, "repeats": options.repeats, "presets": {}}
     print(", ".join(f"{key} {value}" for key, value in result["machine"].items()))
-    for name in options.preset or PRESETS:
-        loaded = PRESETS[name].load()
+    presets = LARGE if options.large else {name: PRESETS[name] for name in options.preset or PRESETS}
+    for name, preset in presets.items():
+        loaded = preset.load()
         if loaded is None:
             print(f"{name:14} skipped: its files are not here")
             continue
@@ -164,6 +227,9 @@ def main() -> None:
             settings = Settings(method=method, samples=1, supersampling=options.supersampling)
             try:
                 rows[method] = measure(renderer, *loaded, settings, options.repeats)
+                if method == "rays":
+                    rows[method] |= vertex_and_fill(renderer, *loaded, settings, options.repeats)
+                    rows[method]["graphics"] = renderer.raster().host.name
             except StippleError as error:
                 print(f"{name:14} {method:7} skipped: {error}")
                 continue

@@ -67,11 +67,12 @@ class RaysFrame:
         """Add sample number `sample` to the film: subpixel number `sample` modulo s² of every pixel."""
         checkpoint()
         with self._timer.stage("draw"):
-            colour, depth = self._host.draw(self._draw(sample))
+            colour, depth = self._host.draw(self.draw_of(sample))
         with self._timer.stage("film"):
             add_to_film(colour, depth, film)
 
-    def _draw(self, sample: int) -> Draw:
+    def draw_of(self, sample: int) -> Draw:
+        """What the host is told to draw for a sample."""
         camera, settings, s = self._camera, self._settings, self._settings.supersampling
         x, y, width, height = camera.rendered_window
         # A subpixel is seen at its pixel's centre when everything moves the other way.

@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+import pytest
 
 from stipple.addon.splat_data import datablock_from_cloud
 from stipple.engine.splats import SH_REST_COUNT, SplatCloud
@@ -109,3 +110,18 @@ def render(path: Path, **options: Any) -> np.ndarray:
     bpy.context.scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True, **options)
     return pixels_of(path)
+
+
+def render_channel(path: Path, name: str) -> np.ndarray:
+    """Renders the current frame to a multilayer EXR; (H, W) of one of its channels, "LAYER.PASS.CHANNEL"."""
+    openexr = pytest.importorskip("OpenEXR")
+    b_settings = bpy.context.scene.render.image_settings
+    if bpy.app.version >= (5, 0, 0):
+        b_settings.media_type = "MULTI_LAYER_IMAGE"
+    b_settings.file_format = "OPEN_EXR_MULTILAYER"
+    b_settings.color_depth = "32"
+    bpy.context.scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    with openexr.File(str(path), separate_channels=True) as file:
+        # Blender 5 writes a part for each pass, 4.5 all of them in one.
+        return np.array(next(part.channels[name].pixels for part in file.parts if name in part.channels))

@@ -3,24 +3,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 
+from stipple.addon import sync
 from stipple.addon.camera import camera_from_blender
 from stipple.addon.graphics import has_graphics
 from stipple.addon.render_engine import StippleRenderEngine
 from stipple.addon.residency import CloudCache
 from stipple.addon.sync import scene_from_depsgraph
-from stipple.engine.colour import scene_linear_from_display
+from stipple.engine.colour import display_from_scene_linear, scene_linear_from_display
+from stipple.engine.formats import read_splats
+from stipple.engine.formats.cameras_file import read_cameras
+from stipple.engine.scene import Scene
 from stipple.engine.splats import ARRAY_NAMES
+from tests.oracle.rays import render as oracle
+from tests.scenes import absurd_cloud, scene_of
+from tests.stats.image_metrics import psnr
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
 from .fresh_process import fresh_python
 
 pytestmark = [pytest.mark.blender, pytest.mark.skipif(not has_graphics(), reason="no EGL here")]
+
+WORLD_FROM_FRONT = np.array([[1.0, 0, 0, 0], [0, 0, 1, -4], [0, -1, 0, 0]])  # what tests.scenes puts before its camera
 
 
 def rays_scene(order: str = "SORTED"):  # type: ignore[no-untyped-def]
@@ -91,6 +101,66 @@ def test_a_loaded_file_brings_the_graphics_context(tmp_path: Path) -> None:
     assert np.array_equal(render(tmp_path / "after.exr"), before)
 
 
+@pytest.mark.real
+@pytest.mark.parametrize(("view", "forward"), [(0, 0.0), (5, 0.0), (2, 0.9)])
+def test_blenders_pictures_are_the_oracles(tmp_path: Path, shared_data: Path, view: int, forward: float) -> None:
+    """The koala at 640 × 480, a part of 64 × 48; the last view is 0.9 of the way into its middle."""
+    camera = read_cameras(shared_data / "real" / "koala_cameras.json")[view]
+    cloud = read_splats(shared_data / "real" / "koala.ply").cloud
+    b_scene = use_stipple(camera.width, camera.height, "RAYS")
+    b_scene.render.film_transparent = b_scene.render.use_border = True
+    b_scene.render.border_min_x, b_scene.render.border_max_x = 288 / 640, 352 / 640
+    b_scene.render.border_min_y, b_scene.render.border_max_y = 216 / 480, 264 / 480
+    b_camera, eye = add_camera(), camera.position
+    pose = np.eye(4)
+    pose[:3, :3] = camera.camera_from_world[:, :3].T * [1, -1, -1]
+    pose[:3, 3] = eye + forward * (np.median(cloud.position, axis=0) - eye)
+    b_camera.matrix_world = pose.T.tolist()
+    b_camera.data.lens = b_camera.data.sensor_width * camera.fx / camera.width
+    b_camera.data.clip_start = 0.01
+    add_capture(cloud)
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    scene, _ = scene_from_depsgraph(depsgraph, CloudCache())
+    wanted = oracle(scene, camera_from_blender(b_camera.evaluated_get(depsgraph), b_scene.render), dilation_px2=0.3)
+    picture = render(tmp_path / "koala.exr")[216:264, 288:352]
+    assert wanted.rgba.shape == picture.shape and wanted.rgba[..., 3].mean() > 0.5
+    assert psnr(display_from_scene_linear(picture), wanted.rgba) > 60  # 45 is promised
+
+
+@pytest.mark.parametrize("order", ["SORTED", "STOCHASTIC"])
+def test_absurd_input_makes_no_nan_in_blender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: str) -> None:
+    """Handed to the graphics module as it is, as no datablock would be: nonsense in every field, all of it at once."""
+    rays_scene(order)
+    scenes = [scene_of(absurd_cloud())]
+    honest = absurd_cloud()
+    for name, value in (("scale", 0.0), ("scale", 1e30), ("scale", np.nan), ("opacity", np.nan), ("position", np.nan)):
+        scenes.append(scene_of(replace(honest, **{name: np.full_like(getattr(honest, name), value)})))
+    for index, scene in enumerate(scenes):
+        turned = replace(scene.instances[0], world_from_object=WORLD_FROM_FRONT)
+        monkeypatch.setattr(sync, "scene_from_depsgraph", lambda *_, turned=turned: (Scene((turned,)), ()))
+        picture = render(tmp_path / f"{index}.exr")
+        assert np.isfinite(picture).all()
+        assert (picture[..., 3].mean() > 0.1) == (index == 0)
+
+
+def test_absurd_attributes_and_a_million_splats_behind_the_camera(tmp_path: Path) -> None:
+    """Through a datablock, which drops what has no number: what is left is drawn as if the rest had not been there."""
+    b_scene = use_stipple(160, 120, "RAYS")
+    b_scene.render.film_transparent = True
+    add_camera()
+    cloud = random_cloud(1_000_000, degree=0, size=0.01)
+    cloud.position[:, 1] -= 10.0  # the camera is at y = -4 and looks along +y
+    cloud.scale[:10], cloud.opacity[10:20], cloud.scale[20:30] = 1e30, np.nan, 0.0
+    b_million = add_capture(cloud)
+    assert (render(tmp_path / "behind.exr") == 0).all()
+    add_capture(random_cloud(300, degree=3))
+    both = render(tmp_path / "both.exr")
+    b_million.hide_render = True
+    assert both[..., 3].mean() > 0.1
+    assert (render(tmp_path / "alone.exr") == both).all()
+
+
 WITHOUT_GRAPHICS = """
 import sys, bpy, stipple
 stipple.register()
@@ -113,3 +183,23 @@ def test_without_graphics_rays_is_refused_with_a_sentence_and_sorted_works(tmp_p
     printed = fresh_python(root, WITHOUT_GRAPHICS, tmp_path / "picture.png", **hidden)
     assert "REFUSED" in printed and "choose the method Sorted instead" in printed
     assert "SURVIVED" in printed and (tmp_path / "picture.png").exists()
+
+
+VIEWPORT_WITHOUT_GRAPHICS = """
+from stipple.addon import residency
+from stipple.addon.viewport_rays import RaysViewportSession
+from stipple.engine.renderer import Renderer
+from tests.blender.test_viewport import aim, never, random_cloud
+session = RaysViewportSession(lambda: None)
+session.aim_at(aim(random_cloud(), 0.0, "rays"))
+session.step(Renderer("cpu"), never)
+session.render(residency.raster_renderer("cpu"))
+print(session.status())
+print("RESTS" if session.due() is None else "GOES ON")
+"""
+
+
+def test_without_graphics_the_viewport_says_so_and_rests(root: Path) -> None:
+    hidden = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json", "DISPLAY": ""}
+    printed = fresh_python(root, VIEWPORT_WITHOUT_GRAPHICS, **hidden)
+    assert "choose the method Sorted instead" in printed and "RESTS" in printed

@@ -19,7 +19,7 @@ from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
 from stipple.engine.splats import SplatCloud
 
-from .captures import add_camera, add_capture, pixels_of, random_cloud, render, use_stipple
+from .captures import add_camera, add_capture, pixels_of, random_cloud, render, render_channel, use_stipple
 
 pytestmark = pytest.mark.blender
 
@@ -63,23 +63,9 @@ def test_depth_pass(tmp_path: Path) -> None:
     cloud.position[0] = 0
     add_capture(cloud)
     bpy.context.view_layer.use_pass_z = True
-    b_settings = bpy.context.scene.render.image_settings
-    if bpy.app.version >= (5, 0, 0):
-        b_settings.media_type = "MULTI_LAYER_IMAGE"
-    b_settings.file_format = "OPEN_EXR_MULTILAYER"
-    b_settings.color_depth = "32"
-    bpy.context.scene.render.filepath = str(tmp_path / "frame.exr")
-    bpy.ops.render.render(write_still=True)
-    depth = exr_channel(tmp_path / "frame.exr", "ViewLayer.Depth.Z")
+    depth = render_channel(tmp_path / "frame.exr", "ViewLayer.Depth.Z")
     assert depth[0, 0] == np.float32(1e10)
     assert depth[24, 32] == pytest.approx(4.0, abs=1e-4)
-
-
-def exr_channel(path: Path, name: str) -> np.ndarray:
-    openexr = pytest.importorskip("OpenEXR")
-    with openexr.File(str(path), separate_channels=True) as file:
-        # Blender 5 writes a part for each pass, 4.5 all of them in one.
-        return np.array(next(part.channels[name].pixels for part in file.parts if name in part.channels))
 
 
 def test_film_transparent_and_world_colour(tmp_path: Path) -> None:

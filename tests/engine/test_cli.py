@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -92,6 +93,20 @@ def test_a_missing_library_is_one_sentence() -> None:
     done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == "error: the command line needs the Python package click; install it with pip.\n"
+
+
+def test_rays_without_graphics_are_one_sentence(capture: Path, tmp_path: Path) -> None:
+    pytest.importorskip("moderngl")
+    program = "import sys; from stipple.engine.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", program, "render", str(capture), "--out", str(tmp_path / "a.png"), *QUICK]
+    hidden = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json", "DISPLAY": ""}
+    environment = dict(os.environ) | hidden
+    command += ["--method", "rays"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+    assert done.returncode == 1 and not (tmp_path / "a.png").exists()
+    assert "choose the sorted method instead" in done.stderr and "Traceback" not in done.stderr
+    command[-1] = "sorted"
+    assert subprocess.run(command, check=False, capture_output=True, env=environment).returncode == 0
 
 
 def test_sizes_in_bytes() -> None:

@@ -8,68 +8,46 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+from stipple.engine.camera import Camera
 from stipple.engine.formats import read_splats
 from stipple.engine.formats.cameras_file import read_cameras
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
 from stipple.engine.splats import SplatCloud
+from tests import walls
 from tests.oracle.rays import render as oracle
-from tests.scenes import cloud_of, front_camera, scene_of
+from tests.scenes import front_camera, scene_of
 from tests.stats.z_test import tile_groups, z_test
 
 SORTED = Settings(method="rays", dilation_px2=0.0)
 STOCHASTIC = replace(SORTED, ray_order="stochastic", samples=64)
-WIDTH, HEIGHT, FOCAL = 128, 96, 200.0
-TURNS = (Rotation.from_euler("yx", [10, 10], degrees=True), Rotation.from_euler("yx", [-45, -20], degrees=True))
-MIDDLE = np.array([0.0, 0.0, 4.0])
 
 
-def sheet(turn: Rotation, colour: list[float]) -> SplatCloud:
-    """A wall of large, flat, opaque splats through MIDDLE, laid out as a capture has them: no two walls alike."""
-    rng = np.random.default_rng(int(turn.magnitude() * 1e6))
-    grid = np.stack(np.meshgrid(*[np.arange(-4.5, 4.6, 0.25)] * 2), -1).reshape(-1, 2)
-    flat = np.column_stack([grid + rng.uniform(-0.05, 0.05, grid.shape), np.zeros(len(grid))])
-    quaternion = turn.as_quat(scalar_first=True)
-    return cloud_of(turn.apply(flat) + MIDDLE, [[0.2, 0.2, 1e-4]], 1.0, colour, quaternion)
+def crossing_walls() -> Scene:
+    return scene_of(walls.wall(0, (1.0, 0.0, 0.0)), walls.wall(1, (0.0, 1.0, 0.0)))
 
 
-def sheets() -> Scene:
-    return scene_of(sheet(TURNS[0], [1.0, 0.0, 0.0]), sheet(TURNS[1], [0.0, 1.0, 0.0]))
+def view() -> Camera:
+    return front_camera(walls.WIDTH, walls.HEIGHT, fx=walls.FOCAL_PX, fy=walls.FOCAL_PX)
 
 
-def plane_depths() -> np.ndarray:
-    """(2, H, W): z at which each pixel's ray meets each wall."""
-    x, y = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
-    rays = np.stack([x / FOCAL, y / FOCAL, np.ones_like(x)], -1)
-    normals = [turn.apply([0.0, 0.0, 1.0]) for turn in TURNS]
-    return np.stack([(normal @ MIDDLE) / (rays @ normal) for normal in normals])
-
-
-def view(window: tuple[int, int, int, int] | None = None):  # type: ignore[no-untyped-def]
-    return front_camera(WIDTH, HEIGHT, fx=FOCAL, fy=FOCAL, window=window)
-
-
-def misplaced(rgba: np.ndarray) -> np.ndarray:
-    """(H, W): how far from the line where the walls cross a pixel shows the farther one [px along its row], else 0."""
-    difference = np.subtract(*plane_depths())  # < 0: the red wall is nearer
-    slope = np.abs(np.gradient(difference, axis=1))
-    wrong = (rgba[..., 0] > rgba[..., 1]) != (difference < 0)
-    return np.where(wrong, np.abs(difference) / slope, 0.0)
+def misplaced(rgba: np.ndarray) -> float:
+    """[px]; see `walls.misplaced`."""
+    return float(walls.misplaced(rgba[..., 0] > rgba[..., 1]).max())
 
 
 def test_crossing_walls_meet_in_a_clean_line(rays: Renderer) -> None:
     """Each pixel shows the wall that its ray meets first; not one pixel is undecided."""
-    rgba, depths = rays.render(sheets(), view(), STOCHASTIC).rgba, plane_depths()
+    rgba, depths = rays.render(crossing_walls(), view(), STOCHASTIC).rgba, walls.depths()
     assert 0.2 < (depths[0] < depths[1]).mean() < 0.8
     assert rgba[..., 3].min() > 0.95
-    assert misplaced(rgba).max() < 1.0
+    assert misplaced(rgba) < 1.0
     assert undecided(rgba) == 0
     # No order of means can: splats of the farther wall come out in front, and the line is a gradient.
-    by_means = rays.render(sheets(), view(), SORTED).rgba
-    assert misplaced(by_means).max() > 3.0
+    by_means = rays.render(crossing_walls(), view(), SORTED).rgba
+    assert misplaced(by_means) > 3.0
     assert undecided(by_means) > 6
 
 
@@ -80,12 +58,12 @@ def undecided(rgba: np.ndarray) -> int:
 
 def test_its_depth_is_that_of_the_wall_seen(rays: Renderer) -> None:
     """What a compositor needs to put a mesh between: z of the nearer wall, also beside the line where they cross."""
-    picture = rays.render(sheets(), view(), STOCHASTIC)
-    nearer = plane_depths().min(axis=0)
+    picture = rays.render(crossing_walls(), view(), STOCHASTIC)
+    nearer = walls.depths().min(axis=0)
     error = np.abs(picture.depth - nearer) / nearer
     # 1 % of the samples look through the nearer wall (opacity ends at 0.99) and see the other, up to 3 units on.
     assert np.median(error) < 1e-3 and np.quantile(error, 0.99) < 0.03 and error.max() < 0.1
-    mean_order = oracle(sheets(), view(), order="pixel")
+    mean_order = oracle(crossing_walls(), view(), order="pixel")
     np.testing.assert_allclose(picture.depth.mean(), mean_order.depth.mean(), rtol=2e-3)
 
 
