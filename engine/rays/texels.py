@@ -7,7 +7,6 @@ A float holds whole numbers exactly up to 2²⁴ only, so larger ones travel as 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -106,9 +105,7 @@ def _pack(cloud: DeviceCloud, begin: int, texels: FloatArray, buffers: Buffers) 
         texels[at : at + count] = piece.numpy()
 
 
-def pack_instances(
-    scene: Scene, camera: Camera, clouds: Sequence[DeviceCloud]
-) -> tuple[FloatArray, list[DeviceCloud]]:
+def pack_instances(scene: Scene, camera: Camera, clouds: Sequence[DeviceCloud]) -> tuple[FloatArray, list[DeviceCloud]]:
     """(I, 5, 4) and the distinct clouds in the order in which their records must follow each other.
 
     `clouds` run in parallel with the scene's instances. Per instance: the rows of camera_from_object; the eye in object
