@@ -88,6 +88,17 @@ class StippleSceneSettings(bpy.types.PropertyGroup):
         description="Lower the opacity of splats smaller than a pixel; turn on for captures that were trained with it",
         default=False,
     )
+    dilation_px2: FloatProperty(  # type: ignore[valid-type]
+        name="Pixel Filter",
+        description="Variance of the blur that splats get on the screen, in square pixels, as in the capture's "
+        "training: 0.3 for 3DGS and gsplat, 0.1 for Mip-Splatting; 0 for none",
+        default=0.3,
+        min=0.0,
+        soft_max=1.0,
+        max=100.0,
+        precision=2,
+        step=1,
+    )
     points_per_thread: IntProperty(  # type: ignore[valid-type]
         name="Points per Thread",
         description="Points drawn together; more than 1 is faster on a GPU and slightly wrong. Use 1 for final renders",

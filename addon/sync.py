@@ -88,6 +88,7 @@ def settings_from_scene(b_scene: Any) -> Settings:
         device=DEVICE[b_stipple.device],
         sh_degree=None if b_stipple.sh_degree == ALL_SH_DEGREES else b_stipple.sh_degree,
         antialiased=b_stipple.antialiased,
+        dilation_px2=b_stipple.dilation_px2,
         points_per_thread=b_stipple.points_per_thread,
         alpha_max=b_stipple.alpha_max,
         ray_order=b_stipple.ray_order.lower(),

@@ -63,6 +63,7 @@ class RENDER_PT_stipple_splats(StipplePanel, bpy.types.Panel):
         column = self._column()
         column.prop(b_stipple, "sh_degree")
         column.prop(b_stipple, "alpha_max")
+        column.prop(b_stipple, "dilation_px2")
         column.prop(b_stipple, "antialiased")
 
 

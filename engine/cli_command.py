@@ -18,8 +18,8 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 DEFAULTS = Settings()
 SETTING_NAMES = (
-    "method", "samples", "supersampling", "seed", "device", "sh_degree", "antialiased", "points_per_thread",
-    "ray_order", "multisamples",
+    "method", "samples", "supersampling", "seed", "device", "sh_degree", "antialiased", "dilation_px2",
+    "points_per_thread", "ray_order", "multisamples",
 )  # fmt: skip
 AT_LEAST_1 = click.IntRange(min=1)
 
@@ -56,6 +56,8 @@ SETTINGS_OPTIONS = (
     option("--sh-degree", "Highest spherical-harmonics band; all of the capture's where not given.",
            type=click.IntRange(0, 4), metavar="D"),
     option("--antialiased", "For captures trained with Mip-Splatting's compensation.", is_flag=True),
+    option("--dilation-px2", "Variance of the blur on the screen [px²]: 0.3 for 3DGS and gsplat, 0.1 for "
+           "Mip-Splatting.", type=click.FloatRange(0, 100), default=DEFAULTS.dilation_px2, metavar="V"),
     option("--points-per-thread", "Above 1: faster on a GPU, slightly biased.", type=AT_LEAST_1,
            default=DEFAULTS.points_per_thread, metavar="K"),
     option("--ray-order", "Of rays: blended by depth, or per pixel and accumulated.", type=click.Choice(RAY_ORDERS),

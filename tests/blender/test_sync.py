@@ -204,6 +204,7 @@ def test_settings_follow_the_scene() -> None:
         1,
     )
     assert defaults.alpha_max == pytest.approx(0.99)
+    assert defaults.dilation_px2 == pytest.approx(0.3)
     for name, value in {
         "method": "POINTS",
         "ray_order": "STOCHASTIC",
@@ -213,12 +214,13 @@ def test_settings_follow_the_scene() -> None:
         "device": "CPU",
         "sh_degree": 1,
         "antialiased": True,
+        "dilation_px2": 0.125,
         "points_per_thread": 4,
     }.items():
         setattr(b_scene.stipple, name, value)
     settings = settings_from_scene(b_scene)
     assert (settings.method, settings.samples, settings.supersampling, settings.seed) == ("points", 9, 3, 5)
-    assert settings.ray_order == "stochastic"
+    assert (settings.ray_order, settings.dilation_px2) == ("stochastic", 0.125)
     assert (settings.device, settings.sh_degree, settings.antialiased, settings.points_per_thread) == (
         "cpu",
         1,
