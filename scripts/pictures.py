@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Render the pictures of the README and docs/ from the project's own sample.
 
-.venv/bin/python scripts/pictures.py
+    .venv/bin/python scripts/pictures.py
+    .venv/bin/python scripts/pictures.py --playbot FILE.ply
+
+The second makes the pictures of *playbot* instead (S. Agullo, CC-BY-4.0), from its level 0.
 """
 
 from __future__ import annotations
 
+import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +18,17 @@ from PIL import Image
 
 from stipple.engine.camera import Camera, look_at
 from stipple.engine.colour import bytes_from_display
+from stipple.engine.formats import read_splats
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
+from stipple.engine.splats import SH_C0, SplatCloud
 from stipple.scripts.sample_capture import build_sample
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 PAPER = (0.83, 0.82, 0.78)  # sRGB-encoded backgrounds
 NIGHT = (0.11, 0.115, 0.105)
+OVERCAST = (0.75, 0.78, 0.8)
 STRIP_SAMPLES = (1, 4, 16, 64)
 
 
@@ -38,10 +46,54 @@ def save(rgba: np.ndarray, name: str) -> None:
     print(IMAGES / name)
 
 
+def water(level: float) -> SplatCloud:
+    """A pond at height `level` as a capture has it: flat, soft splats of 0.08 units, in no order."""
+    rng = np.random.default_rng(11)
+    across = np.arange(-1.5, 1.5, 0.06)
+    places = np.stack(np.meshgrid(across, across), -1).reshape(-1, 2)
+    places = places[np.hypot(*places.T) < 1.45]
+    x, z = rng.permutation(places + rng.uniform(-0.02, 0.02, places.shape)).T
+    count = len(x)
+    colour = np.array([0.16, 0.36, 0.42]) + rng.normal(0.0, 0.015, (count, 1))
+    arrays = {
+        "position": np.column_stack([x, np.full(count, -level), z]),
+        "scale": np.tile([0.08, 1e-4, 0.08], (count, 1)),
+        "rotation": np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        "opacity": np.full(count, 0.7),
+        "sh_dc": (colour - 0.5) / SH_C0,
+        "sh_rest": np.zeros((count, 0, 3)),
+    }
+    return SplatCloud(**{name: np.ascontiguousarray(values, np.float32) for name, values in arrays.items()})
+
+
+def crossing_captures(renderer: Renderer, cloud: SplatCloud) -> None:
+    """*rays*: the sample standing in a pond, in sorted order and in stochastic order."""
+    scene = Scene((Instance(cloud), Instance(water(0.2))), PAPER)
+    view = camera((0.5, -0.85, -2.3), (0.0, -0.25, 0.0), 26, (640, 480))
+    orders = (Settings(method="rays", supersampling=2), Settings(method="rays", ray_order="stochastic", samples=256))
+    save(np.concatenate([renderer.render(scene, view, order).rgba for order in orders], axis=1), "rays-crossing.jpg")
+
+
+def close_up(renderer: Renderer, path: Path) -> None:
+    """*sorted* and *rays* from among playbot's plants, a hand's breadth above the ground."""
+    scene = Scene((Instance(read_splats(path).cloud),), OVERCAST)
+    view = replace(camera((0.4524, -0.0359, -0.6065), (0.0517, -0.4106, 0.0), 75, (640, 480)), near=0.01)
+    pair = [
+        renderer.render(scene, view, Settings(method=method, supersampling=3)).rgba for method in ("sorted", "rays")
+    ]
+    save(np.concatenate(pair, axis=1), "rays-close-up.jpg")
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--playbot", type=Path, metavar="FILE")
+    options = parser.parse_args()
     IMAGES.mkdir(parents=True, exist_ok=True)
-    cloud = build_sample()
     renderer = Renderer()
+    if options.playbot:
+        close_up(renderer, options.playbot)
+        return
+    cloud = build_sample()
     fine = Settings(method="sorted", supersampling=3)
     light, dark = (Scene((Instance(cloud),), background) for background in (PAPER, NIGHT))
     front = camera((0.9, -1.12, -2.95), (0.03, -0.41, 0.0), 30, (1280, 720))
@@ -52,6 +104,7 @@ def main() -> None:
     strip = [renderer.render(dark, detail, Settings(samples=samples)).rgba for samples in STRIP_SAMPLES]
     strip.append(renderer.render(dark, detail, Settings(method="sorted")).rgba)
     save(np.concatenate(strip, axis=1), "points.jpg")
+    crossing_captures(renderer, cloud)
 
 
 if __name__ == "__main__":
