@@ -47,6 +47,7 @@ SIZE = (1920, 1080)
 RATES = {"points": ("splat", "points"), "sorted": ("blend", "blends"), "rays": ("draw", "quads")}
 
 HALVES = ("vertex", "fill")  # of a draw of rays
+SOFTWARE_DRIVER = "llvmpipe"  # draws on the processor's cores
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def measure(renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Set
 def vertex_and_fill(
     renderer: Renderer, cloud: SplatCloud, camera: Camera, settings: Settings, repeats: int
 ) -> dict[str, Any]:
-    """Milliseconds and splats per second of the two halves of a draw of *rays*.
+    """Milliseconds and splats per second of the two halves of a draw of *rays*, by the clock and by core seconds.
 
     Three draws in turn, medians of each: of nothing (clearing and reading back), of all quads moved out of the
     picture, which does the vertex work and fills no pixel, and of the picture. Their differences are the halves.
@@ -143,17 +144,20 @@ def vertex_and_fill(
     picture: Draw = frame.method.draw_of(0)  # type: ignore[attr-defined]
     fx, fy, cx, cy = picture.constants["lens"]
     beside = replace(picture, constants=picture.constants | {"lens": (fx, fy, cx + 1e9, cy)})
-    seconds: list[list[float]] = []
+    times: list[list[tuple[float, float]]] = []
     for _ in range(repeats + 1):
-        seconds.append([])
+        times.append([])
         for draw in (replace(picture, splat_count=0), beside, picture):
-            begin = time.perf_counter()
+            begin, begin_core = time.perf_counter(), time.process_time()
             host.draw(draw)
-            seconds[-1].append(time.perf_counter() - begin)
-    halves = np.median(np.diff(np.array(seconds[1:]), axis=1), axis=0)
+            times[-1].append((time.perf_counter() - begin, time.process_time() - begin_core))
     result = {}
-    for name, half in zip(HALVES, halves.tolist(), strict=True):
-        result |= {f"{name}_ms": 1e3 * half, f"{name}_splats_per_second": picture.splat_count / half}
+    halves = np.median(np.diff(np.array(times[1:]), axis=1), axis=0).tolist()
+    for name, (seconds, core_seconds) in zip(HALVES, halves, strict=True):
+        result[f"{name}_ms"] = 1e3 * seconds
+        result[f"{name}_splats_per_second"] = picture.splat_count / seconds
+        on_cores = SOFTWARE_DRIVER in host.name  # type: ignore[attr-defined]
+        result[f"{name}_splats_per_core_second"] = picture.splat_count / core_seconds if on_cores else None
     return result
 
 
@@ -187,8 +191,12 @@ def print_row(preset: str, method: str, row: dict[str, Any]) -> None:
         f"{'':22} {stages}"
     )
     if "vertex_ms" in row:
-        halves = (f"{n} {row[f'{n}_ms']:.1f} ms, {row[f'{n}_splats_per_second'] / 1e6:.3g} M splats/s" for n in HALVES)
-        print(f"{'':22} {'  '.join(halves)} on {row['graphics']}")
+        for half in HALVES:
+            per_core = row[f"{half}_splats_per_core_second"]
+            print(
+                f"{'':22} {half} {row[f'{half}_ms']:.1f} ms  {row[f'{half}_splats_per_second'] / 1e6:.3g} M splats/s"
+                f"{f'  {per_core / 1e6:.3g} M/s per core' if per_core else ''}  on {row['graphics']}"
+            )
 
 
 def parse() -> argparse.Namespace:
