@@ -39,7 +39,9 @@ class RasterScene:
         largest = self.host.largest_texture
         self.host.upload(INSTANCES, as_rectangle(instances, largest, largest, "instances"))
         storage = shot.settings.storage  # decides which splat is which
-        wanted = [(cloud, storage) for cloud in {id(i.cloud): i.cloud for i in shot.scene.instances}.values()]
+        wanted: list[tuple[object, str]] = [
+            (cloud, storage) for cloud in {id(i.cloud): i.cloud for i in shot.scene.instances}.values()
+        ]
         if wanted != self._held:  # clouds are equal only to themselves
             self._held, self.pages = [], 0
             pages = splat_pages(clouds, largest, len(SPLATS), shot.buffers)
