@@ -30,6 +30,12 @@ def _method_changed(_b_settings: Any, _context: Any) -> None:
     graphics_context.follow_the_file()
 
 
+STORAGE = (
+    ("FULL", "Full Precision", "Splats exactly as they are, 60 to 240 bytes each"),
+    ("QUANTISED", "Compact", "21 to 105 bytes a splat; the difference cannot be seen (over 70 dB on real captures)"),
+)
+
+
 class StippleSceneSettings(bpy.types.PropertyGroup):
     """What `engine.settings.Settings` needs, as animatable properties."""
 
@@ -98,6 +104,12 @@ class StippleSceneSettings(bpy.types.PropertyGroup):
         max=100.0,
         precision=2,
         step=1,
+    )
+    storage: EnumProperty(  # type: ignore[valid-type]
+        name="Storage",
+        description="How the device holds captures that are in this file",
+        items=STORAGE,
+        default="FULL",
     )
     points_per_thread: IntProperty(  # type: ignore[valid-type]
         name="Points per Thread",

@@ -92,6 +92,7 @@ def settings_from_scene(b_scene: Any) -> Settings:
         points_per_thread=b_stipple.points_per_thread,
         alpha_max=b_stipple.alpha_max,
         ray_order=b_stipple.ray_order.lower(),
+        storage=b_stipple.storage.lower(),
     )
 
 

@@ -83,6 +83,7 @@ class RENDER_PT_stipple_performance(StipplePanel, bpy.types.Panel):
         b_stipple = context.scene.stipple
         column = self._column()
         column.prop(b_stipple, "device")
+        column.prop(b_stipple, "storage")
         if b_stipple.method == "POINTS":
             column.prop(b_stipple, "points_per_thread")
 

@@ -12,14 +12,14 @@ import click
 
 from .cli_types import background_of, camera_of, size_of
 from .orbit import UP_AXES
-from .settings import METHODS, MULTISAMPLES, RAY_ORDERS, Settings
+from .settings import CULLING, METHODS, MULTISAMPLES, RAY_ORDERS, STORAGE, Settings
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 DEFAULTS = Settings()
 SETTING_NAMES = (
     "method", "samples", "supersampling", "seed", "device", "sh_degree", "antialiased", "dilation_px2",
-    "points_per_thread", "ray_order", "multisamples",
+    "points_per_thread", "ray_order", "multisamples", "culling", "storage",
 )  # fmt: skip
 AT_LEAST_1 = click.IntRange(min=1)
 
@@ -65,6 +65,10 @@ SETTINGS_OPTIONS = (
     option("--multisamples", "Of rays in sorted order: rays per pixel (MSAA).",
            type=click.Choice(tuple(map(str, MULTISAMPLES))), callback=lambda _context, _option, value: int(value),
            default=str(DEFAULTS.multisamples)),
+    option("--storage", "Captures in full precision, or in 21 to 105 bytes a splat.", type=click.Choice(STORAGE),
+           default=DEFAULTS.storage),
+    option("--culling", "What points leave out; changes no picture.", type=click.Choice(CULLING),
+           default=DEFAULTS.culling),
 )  # fmt: skip
 OUTPUT_OPTIONS = (
     option("--out", "Picture to write: .png, .exr or .npy. #### or %04d in its name stands for a number.",

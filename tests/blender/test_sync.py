@@ -216,11 +216,12 @@ def test_settings_follow_the_scene() -> None:
         "antialiased": True,
         "dilation_px2": 0.125,
         "points_per_thread": 4,
+        "storage": "QUANTISED",
     }.items():
         setattr(b_scene.stipple, name, value)
     settings = settings_from_scene(b_scene)
     assert (settings.method, settings.samples, settings.supersampling, settings.seed) == ("points", 9, 3, 5)
-    assert (settings.ray_order, settings.dilation_px2) == ("stochastic", 0.125)
+    assert (settings.ray_order, settings.dilation_px2, settings.storage) == ("stochastic", 0.125, "quantised")
     assert (settings.device, settings.sh_degree, settings.antialiased, settings.points_per_thread) == (
         "cpu",
         1,
