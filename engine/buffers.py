@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,12 +19,27 @@ def gibibytes(count: int) -> str:
     return f"{count / 2**30:.2f} GiB"
 
 
-def shortage(device: wp.Device, needed: int, what: str, free: int) -> str:
+RENDER_LESS = "render fewer splats, a smaller picture or a lower supersampling, or choose another device"
+
+
+def shortage(device: wp.Device, needed: int, what: str, free: int, remedy: str = RENDER_LESS) -> str:
     """What to tell a user when memory does not suffice."""
-    return (
-        f"{device.alias}: {gibibytes(needed)} are needed for {what} and {gibibytes(free)} are free; "
-        "render fewer splats, a smaller picture or a lower supersampling, or choose another device."
-    )
+    return f"{device.alias}: {gibibytes(needed)} are needed for {what} and {gibibytes(free)} are free; {remedy}."
+
+
+def allocate(
+    device: wp.Device, dtype: Any, shape: int | tuple[int, ...], what: str, remedy: str = RENDER_LESS
+) -> wp.array:
+    """An uninitialised array. Raises StippleError, with `what` it was for, when memory does not suffice."""
+    count = math.prod(shape) if isinstance(shape, tuple) else shape
+    needed, free = count * wp.types.type_size_in_bytes(dtype), free_bytes(device)
+    message = shortage(device, needed, what, free, remedy)
+    if needed > free:
+        raise StippleError(message)
+    try:
+        return wp.empty(shape, dtype=dtype, device=device)
+    except (MemoryError, RuntimeError) as error:
+        raise StippleError(message) from error
 
 
 class Buffers:
@@ -45,7 +61,7 @@ class Buffers:
             self._arrays.pop(name, None)
             grown = max(count, 1) if held is None else max(count, int(held.size * GROWTH), 1)
             del held
-            held = self._arrays[name] = self._allocate(name, dtype, grown)
+            held = self._arrays[name] = allocate(self.device, dtype, grown, name)
             self.peak_bytes = max(self.peak_bytes, self.held_bytes)
         return held[:count]
 
@@ -67,13 +83,3 @@ class Buffers:
 
     def free(self) -> None:
         self._arrays.clear()
-
-    def _allocate(self, name: str, dtype: Any, count: int) -> wp.array:
-        needed, free = count * wp.types.type_size_in_bytes(dtype), free_bytes(self.device)
-        message = shortage(self.device, needed, name, free)
-        if needed > free:
-            raise StippleError(message)
-        try:
-            return wp.empty(count, dtype=dtype, device=self.device)
-        except (MemoryError, RuntimeError) as error:
-            raise StippleError(message) from error

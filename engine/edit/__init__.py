@@ -1,2 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operations that change captures. So far: transforms."""
+"""Operations that change captures: selection, flags, transforms, painting, duplication, clean-up, and their history.
+
+| to …                                         | see                                              |
+|----------------------------------------------|--------------------------------------------------|
+| hold a capture that can be edited            | `editable_cloud`                                 |
+| say which splats: one bit each               | `mask`, and `state` for the flags of a splat     |
+| find splats                                  | `match_*`                                        |
+| select, delete, hide, lock                   | `selection`, `flags`                             |
+| transform, paint, duplicate, merge, clean up | `transform*`, `paint*`, `duplicate`, `clean_up`  |
+| do, undo and redo                            | `history`                                        |
+
+design/editing.md says how it fits together.
+"""

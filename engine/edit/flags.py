@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Delete and restore, hide and reveal, lock and unlock: each flips one flag, so each is one bit per splat to undo."""
+
+from __future__ import annotations
+
+from ..errors import StippleError
+from .editable_cloud import EditableCloud
+from .mask import Mask, mask_from_state
+from .selection import selected_or_refuse
+from .state import DELETED, HIDDEN, LOCKED
+from .step import Step, flag_step
+
+
+def delete(cloud: EditableCloud, which: Mask | None = None) -> Step:
+    """The step that deletes the selection, or of `which` what is shown and unlocked.
+
+    Deleted splats keep their data until the cloud is written back (`EditableCloud.to_cloud` leaves them out).
+    Raises StippleError when nothing is selected.
+    """
+    chosen = selected_or_refuse(cloud, "delete") if which is None else which & cloud.selectable()
+    return flag_step("Delete", DELETED, chosen)
+
+
+def keep_only(cloud: EditableCloud) -> Step:
+    """The step that deletes what is shown, unlocked and not selected. Raises StippleError when nothing is selected."""
+    return flag_step("Keep Only", DELETED, cloud.selectable() - selected_or_refuse(cloud, "keep"))
+
+
+def restore(cloud: EditableCloud, which: Mask | None = None) -> Step:
+    """The step that brings back deleted splats, of `which` only if given. Raises StippleError when none are deleted."""
+    deleted = mask_from_state(cloud.state, DELETED, 0)
+    return _clear(cloud, "Restore", DELETED, deleted if which is None else deleted & which, "no splats are deleted")
+
+
+def hide(cloud: EditableCloud, unselected: bool = False) -> Step:
+    """The step that hides the selection, or else what is not selected. Raises StippleError when nothing is selected."""
+    selected = selected_or_refuse(cloud, "hide")
+    return flag_step("Hide", HIDDEN, cloud.selectable() - selected if unselected else selected)
+
+
+def reveal(cloud: EditableCloud) -> Step:
+    """The step that shows all hidden splats; those hidden while selected are selected again.
+
+    Raises StippleError when none are hidden.
+    """
+    return _clear(cloud, "Reveal", HIDDEN, mask_from_state(cloud.state, HIDDEN, DELETED), "no splats are hidden")
+
+
+def lock(cloud: EditableCloud, unselected: bool = False) -> Step:
+    """The step that protects the selection, or else what is not selected, from every operation.
+
+    Raises StippleError when nothing is selected.
+    """
+    selected = selected_or_refuse(cloud, "lock")
+    return flag_step("Lock", LOCKED, cloud.selectable() - selected if unselected else selected)
+
+
+def unlock(cloud: EditableCloud) -> Step:
+    """The step that unlocks all splats. Raises StippleError when none are locked."""
+    return _clear(cloud, "Unlock", LOCKED, mask_from_state(cloud.state, LOCKED, 0), "no splats are locked")
+
+
+def counts(cloud: EditableCloud) -> dict[str, int]:
+    """How many splats are what, for a status line: total, selected, hidden, deleted, locked. Reads back."""
+    return {
+        "total": cloud.splat_count,
+        "selected": cloud.selection().count(),
+        "hidden": mask_from_state(cloud.state, HIDDEN, DELETED).count(),
+        "deleted": mask_from_state(cloud.state, DELETED, 0).count(),
+        "locked": mask_from_state(cloud.state, LOCKED, DELETED).count(),
+    }
+
+
+def _clear(cloud: EditableCloud, name: str, flag: int, chosen: Mask, problem: str) -> Step:
+    step = flag_step(name, flag, chosen)
+    if step.changed == 0:
+        raise StippleError(f"{cloud.name}: {problem}.")
+    return step
