@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import warp as wp
 
@@ -24,6 +24,8 @@ SMALLEST_CHUNK = 1024  # elements; a smaller launch is not worth a thread (a lau
 
 _cpu = {"threads": max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)}
 
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
 
 _pools: dict[int, ThreadPoolExecutor] = {}
 
@@ -97,6 +99,13 @@ def launch(
 
     # list() waits for all and re-raises the first failure.
     list(_pool(threads).map(run, range(0, count, chunk)))
+
+
+def map_on_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """`function` of every item, in order, on `thread_count()` threads: for work that lets go of the interpreter."""
+    if thread_count() == 1 or len(items) < 2:
+        return [function(item) for item in items]
+    return list(_pool(thread_count()).map(function, items))
 
 
 def free_bytes(device: wp.Device) -> int:

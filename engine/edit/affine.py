@@ -55,10 +55,52 @@ def inverse(matrix: Matrix) -> Matrix:
     return np.column_stack([linear, -linear @ matrix[:, 3]])
 
 
+def in_object_space(matrix: Matrix, world_from_object: npt.ArrayLike | None) -> Matrix:
+    """A map of the world as a map of object space."""
+    if world_from_object is None:
+        return matrix
+    placed = checked(world_from_object, "world_from_object")
+    return composed(inverse(placed), composed(matrix, placed))
+
+
 def about(linear: npt.ArrayLike, pivot: npt.ArrayLike) -> Matrix:
     """The map with a linear part (3, 3) that leaves `pivot` where it is."""
     linear, pivot = np.asarray(linear, np.float64), np.asarray(pivot, np.float64)
     return np.column_stack([linear, pivot - linear @ pivot])
+
+
+def translation(offset: npt.ArrayLike) -> Matrix:
+    """A move by `offset` (3,)."""
+    return np.column_stack([np.eye(3), np.asarray(offset, np.float64)])
+
+
+def rotation(axis: npt.ArrayLike, angle: float, pivot: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Matrix:
+    """A turn about `axis` (3,) by `angle` [rad], anticlockwise as seen from where the axis points to.
+
+    Raises StippleError for an axis of no length.
+    """
+    axis = np.asarray(axis, np.float64)
+    length = np.linalg.norm(axis)
+    if not (np.isfinite(length) and length > 0 and np.isfinite(angle)):
+        raise StippleError("rotation: the axis has no direction; give one that is not zero.")
+    x, y, z = axis / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return about(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross, pivot)
+
+
+def scaling(factors: npt.ArrayLike, pivot: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Matrix:
+    """A scale by one factor or by one along each axis (3,)."""
+    return about(np.diag(np.broadcast_to(np.asarray(factors, np.float64), 3)), pivot)
+
+
+def mirroring(normal: npt.ArrayLike, point: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Matrix:
+    """A reflection in the plane through `point` across `normal` (3,). Raises StippleError for a normal of no length."""
+    normal = np.asarray(normal, np.float64)
+    length = np.linalg.norm(normal)
+    if not (np.isfinite(length) and length > 0):
+        raise StippleError("mirror: the normal has no direction; give one that is not zero.")
+    unit = normal / length
+    return about(np.eye(3) - 2 * np.outer(unit, unit), point)
 
 
 def device_affine(matrix: Matrix) -> Affine:

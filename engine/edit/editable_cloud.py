@@ -13,6 +13,7 @@ from ..buffers import Buffers, allocate
 from ..errors import StippleError
 from ..splats import ARRAY_NAMES, SplatCloud, sh_degree_of_rest_count
 from .mask import EDIT_LESS, Mask, mask_from_state
+from .rows import copy_rows, no_rows
 from .state import DELETED, NOT_SELECTABLE, SELECTED
 
 ELEMENTS = {
@@ -25,6 +26,7 @@ ELEMENTS = {
     "state": wp.uint32,
     "paint": wp.uint64,
 }
+MOST_SPLATS = (1 << 31) - 1
 # What an attribute is a painted copy of, once anything was painted.
 UNPAINTED = {"base_dc": "sh_dc", "base_rest": "sh_rest", "base_opacity": "opacity"}
 
@@ -57,6 +59,7 @@ class EditableCloud:
         self._host = dict(arrays)  # what views look at must stay
         self._owned: set[str] = set()
         self._arrays: dict[str, wp.array] = {}
+        self._whole: dict[str, wp.array] = {}  # arrays longer than the cloud, of which `_arrays` holds views
         for key, values in arrays.items():
             if len(values) != self.splat_count or values.dtype != np.float32 or not values.flags.c_contiguous:
                 raise StippleError(f"{name}: {key} must be contiguous float32 with {self.splat_count:,} rows.")
@@ -91,6 +94,11 @@ class EditableCloud:
         return name in self._arrays
 
     @property
+    def attribute_names(self) -> tuple[str, ...]:
+        """Every array there is, state and layers included."""
+        return tuple(self._arrays)
+
+    @property
     def rest_count(self) -> int:
         """Coefficients per channel above band 0; 0 where sh_rest was not loaded."""
         return int(self._arrays["sh_rest"].shape[1]) if "sh_rest" in self._arrays else 0
@@ -102,7 +110,7 @@ class EditableCloud:
     @property
     def held_bytes(self) -> int:
         """Device memory of arrays that are the cloud's own, views of the host's left out [bytes]."""
-        return sum(self._arrays[name].capacity for name in self._owned) + self.scratch.held_bytes
+        return sum(self._whole.get(n, self._arrays[n]).capacity for n in self._owned) + self.scratch.held_bytes
 
     def selection(self) -> Mask:
         """What operations act on: selected, and neither hidden, deleted nor locked."""
@@ -132,11 +140,76 @@ class EditableCloud:
             self._host.pop(name, None)
         return self._arrays[name]
 
+    def add_layer(self, bases: Collection[str], arrays: Mapping[str, wp.array]) -> None:
+        """Separate the named unpainted arrays (keys of `UNPAINTED`) from the painted ones, and take `arrays` up.
+
+        What was the only copy becomes the unpainted one; the painted one is a new copy. All or nothing: raises
+        StippleError when memory runs out.
+        """
+        copies = {}
+        for base in bases:
+            held = self.array(base)
+            copies[base] = allocate(
+                self.device, held.dtype, held.shape, f"a painted copy of {UNPAINTED[base]}", EDIT_LESS
+            )
+            wp.copy(copies[base], held)
+        for base, copy in copies.items():
+            shown = UNPAINTED[base]
+            self._arrays[base] = self._arrays[shown]
+            if shown in self._whole:
+                self._whole[base] = self._whole.pop(shown)
+            if shown in self._owned:
+                self._owned.add(base)
+            elif shown in self._host:
+                self._host[base] = self._host.pop(shown)
+            self._put(shown, copy)
+        for name, array in arrays.items():
+            self._put(name, array)
+
+    def grow(self, count: int, rest_count: int | None = None) -> None:
+        """Make room for `count` more splats at the end, uninitialised, and for `rest_count` coefficients per channel.
+
+        New coefficients of old splats are 0. All or nothing: raises StippleError when memory runs out or there would be
+        more splats than an index can count.
+        """
+        total = self.splat_count + count
+        if total > MOST_SPLATS:
+            raise StippleError(
+                f"{self.name}: {total:,} splats are more than {MOST_SPLATS:,}; keep them in two captures."
+            )
+        self._resize(total, self.rest_count if rest_count is None else rest_count)
+
+    def shrink(self, count: int, rest_count: int | None = None) -> None:
+        """Take the last `count` splats, and the highest coefficients, away again. Their memory is kept for new ones."""
+        self._resize(self.splat_count - count, self.rest_count if rest_count is None else rest_count)
+
+    def _resize(self, total: int, rest_count: int) -> None:
+        """All arrays with `total` rows: views where they reach, else larger ones with what was in them."""
+        resized = {}
+        for name, held in self._arrays.items():
+            shape = (total, rest_count) if held.ndim == 2 else (total,)
+            whole = self._whole.get(name, held)
+            if name in self._owned and whole.shape[0] >= total and whole.shape[1:] == shape[1:]:
+                resized[name] = whole
+                continue
+            spare = (total // 8 if total > self.splat_count else 0, *(0 for _ in shape[1:]))
+            larger = tuple(size + more for size, more in zip(shape, spare, strict=True))
+            resized[name] = allocate(self.device, held.dtype, larger, f"{name} of more splats", EDIT_LESS)
+            if held.ndim == 2 and rest_count > held.shape[1]:
+                resized[name].zero_()
+            kept = min(total, self.splat_count)
+            copy_rows(kept, no_rows(self.device), {name: held}, no_rows(self.device), resized)
+        for name, array in resized.items():
+            self._put(name, array)
+            self._whole[name] = array
+            self._arrays[name] = array[:total]
+            self._host.pop(name, None)
+        self.splat_count = total
+
     def touched(self, *names: str) -> None:
-        """Say that attributes have changed."""
+        """Say that attributes have changed; an unpainted one counts as the painted one that follows from it."""
         for name in names:
-            key = UNPAINTED.get(name, name)
-            self.versions[key] += 1
+            self.versions[UNPAINTED.get(name, name)] += 1
 
     def hits(self) -> wp.array:
         """Scratch of one uint8 per splat, uninitialised; the next caller overwrites it."""
@@ -160,6 +233,7 @@ class EditableCloud:
 
     def _put(self, name: str, array: wp.array) -> None:
         self._arrays[name] = array
+        self._whole.pop(name, None)
         self._owned.add(name)
 
     def _upload(self, name: str, values: npt.NDArray[np.float32]) -> wp.array:

@@ -26,6 +26,7 @@ class History:
         self._steps: list[Step] = []
         self._done = 0  # of _steps
         self._dropped = 0  # steps that left at the old end
+        self._nbytes = 0
 
     @property
     def position(self) -> int:
@@ -45,7 +46,7 @@ class History:
     @property
     def nbytes(self) -> int:
         """Memory of all steps [bytes]."""
-        return sum(step.nbytes for step in self._steps)
+        return self._nbytes
 
     @property
     def limit_bytes(self) -> int:
@@ -82,8 +83,8 @@ class History:
 
     def record(self, step: Step) -> None:
         """Record a step whose changes are already in the cloud (a stroke's)."""
-        del self._steps[self._done :]
-        self._steps.append(step)
+        self._nbytes += step.nbytes - sum(undone.nbytes for undone in self._steps[self._done :])
+        self._steps[self._done :] = [step]
         self._done += 1
         self._drop_oldest()
 
@@ -121,12 +122,11 @@ class History:
         """Forget all steps; the cloud stays as it is."""
         self._dropped = self.position
         self._steps.clear()
-        self._done = 0
+        self._done = self._nbytes = 0
 
     def _drop_oldest(self) -> None:
         """Only steps that are done go: an undone one is what the user may want back next."""
-        total = self.nbytes
-        while total > self._limit_bytes and self._done > 0 and len(self._steps) > 1:
-            total -= self._steps.pop(0).nbytes
+        while self._nbytes > self._limit_bytes and self._done > 0 and len(self._steps) > 1:
+            self._nbytes -= self._steps.pop(0).nbytes
             self._done -= 1
             self._dropped += 1

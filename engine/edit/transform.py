@@ -1,103 +1,125 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bake an affine map into a cloud: means, scales, rotations and view-dependent colour."""
+"""Transform the selection, or a whole capture: means, scales, rotations and view-dependent colour."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import StippleError
+from ..device import choose_device
 from ..splats import SplatCloud
-from .sh_rotation import rotate_sh
+from .affine import Matrix, checked, in_object_space
+from .editable_cloud import EditableCloud
+from .mask import Mask
+from .paint_layer import show_harmonics
+from .rows import copy_rows, no_rows, scratch_rows
+from .selection import selected_or_refuse
+from .step import Step
+from .transform_diff import transform_diff
+from .transform_kernels import SplatMap
 
-Matrix = npt.NDArray[np.float64]
 
-BLOCK = 1 << 17  # splats at a time: bounds the float64 intermediates to some 40 MB
-
-
-def transform_cloud(cloud: SplatCloud, new_from_old: Matrix) -> SplatCloud:
-    """The cloud whose picture, untransformed, is that of `cloud` under `new_from_old` (3, 4).
+def transform(
+    cloud: EditableCloud,
+    new_from_old: npt.ArrayLike,
+    world_from_object: npt.ArrayLike | None = None,
+    which: Mask | None = None,
+    name: str = "Transform",
+) -> Step:
+    """The step that maps the selection, or of `which` what is shown and unlocked, by `new_from_old` (3, 4, world).
 
     Exact for rotation, uniform scale, mirroring and translation, to the rounding of float32. Uneven scale and shear are
-    exact for means and shapes (the covariance is carried through and diagonalised again); view-dependent colour then
-    follows the rotation next to the map (its polar factor), because no harmonics of finite degree could follow the map
-    itself.
+    exact for means and shapes; view-dependent colour then follows the rotation next to the map. `affine` makes maps
+    about a pivot. Undo restores every bit.
+
+    Raises StippleError when nothing is selected, a matrix flattens, or memory runs out.
+    """
+    matrix = in_object_space(checked(new_from_old, f"{cloud.name}: the transform"), world_from_object)
+    chosen = selected_or_refuse(cloud, "transform") if which is None else which & cloud.selectable()
+    forward = splat_map(cloud, matrix)
+    rows = chosen.indices()
+    old = {part: cloud.array(part) for part in forward.parts}
+    return Step(name, (transform_diff(cloud, forward, chosen, old, rows),), int(rows.size))
+
+
+class TransformDrag:
+    """A transform that follows the mouse: always of the values at its start, one step at the end.
+
+    `update` shows a map (3, 4) in the world; `finish` returns the step, its changes already made, for `History.record`,
+    or None where nothing moved; `cancel` puts back every bit. Holds a copy of the selection's values meanwhile.
+
+    Raises StippleError when nothing is selected or memory runs out.
+    """
+
+    def __init__(
+        self, cloud: EditableCloud, world_from_object: npt.ArrayLike | None = None, name: str = "Transform"
+    ) -> None:
+        self._cloud, self._world_from_object, self._name = cloud, world_from_object, name
+        self._which = selected_or_refuse(cloud, "transform")
+        self._rows = self._which.indices()
+        parts = ["position", "scale", "rotation"] + ["base_rest"] * bool(cloud.rest_count)
+        arrays = {part: cloud.writable(part) for part in parts if cloud.has(part) or part == "base_rest"}
+        self._old = scratch_rows(arrays, self._rows.size, cloud.device, "a transform")
+        self._all = no_rows(cloud.device)
+        copy_rows(self._rows.size, self._rows, arrays, self._all, self._old)
+        self._last: SplatMap | None = None
+
+    def update(self, new_from_old: npt.ArrayLike) -> None:
+        """Show the selection under a map; the last one counts. Raises StippleError for one that flattens."""
+        matrix = checked(new_from_old, f"{self._cloud.name}: the transform")
+        forward = splat_map(self._cloud, in_object_space(matrix, self._world_from_object))
+        targets = {part: self._cloud.array(part) for part in forward.parts}
+        if self._last is not None and set(self._last.parts) - set(forward.parts):
+            self._put_back()  # an earlier map changed what this one does not
+        forward.run(self._rows.size, self._all, self._old, self._rows, targets)
+        self._last = forward
+        self._show(forward.parts)
+
+    def finish(self) -> Step | None:
+        if self._last is None or np.array_equal(self._last.matrix, np.eye(3, 4)):
+            self.cancel()
+            return None
+        old = {part: self._old[part] for part in self._last.parts}
+        try:
+            diff = transform_diff(self._cloud, self._last, self._which, old, self._all)
+        except BaseException:
+            self.cancel()
+            raise
+        return Step(self._name, (diff,), int(self._rows.size))
+
+    def cancel(self) -> None:
+        if self._last is not None:
+            self._put_back()
+            self._show(tuple(self._old))
+            self._last = None
+
+    def _put_back(self) -> None:
+        targets = {part: self._cloud.array(part) for part in self._old}
+        copy_rows(self._rows.size, self._all, self._old, self._rows, targets)
+
+    def _show(self, parts: tuple[str, ...]) -> None:
+        self._cloud.touched(*parts)
+        if "base_rest" in parts:
+            show_harmonics(self._cloud, self._rows)
+
+
+def splat_map(cloud: EditableCloud, matrix: Matrix) -> SplatMap:
+    """The map, checked against what the cloud has. Raises StippleError where it turns harmonics that are not loaded."""
+    forward = SplatMap(matrix, cloud.sh_degree, cloud.device)
+    if forward.turns:
+        cloud.array("sh_rest")
+    return forward
+
+
+def transform_cloud(cloud: SplatCloud, new_from_old: npt.ArrayLike) -> SplatCloud:
+    """The cloud whose picture, untransformed, is that of `cloud` under `new_from_old` (3, 4). As `transform` has it.
 
     Raises StippleError when the map is not finite or flattens the cloud.
     """
-    matrix = np.asarray(new_from_old, np.float64)
-    linear, translation = matrix[:, :3], matrix[:, 3]
-    if not np.isfinite(matrix).all() or abs(np.linalg.det(linear)) < 1e-30:
-        raise StippleError(f"{cloud.name}: the transform flattens the capture; give every axis a scale.")
-    nearest = polar_rotation(linear)
-    scale, rotation = np.empty_like(cloud.scale), np.empty_like(cloud.rotation)
-    for first in range(0, cloud.splat_count, BLOCK):
-        rows = slice(first, first + BLOCK)
-        scale[rows], rotation[rows] = _transform_shapes(cloud.scale[rows], cloud.rotation[rows], linear)
-    position = cloud.position.astype(np.float64) @ linear.T + translation
-    sh_rest = rotate_sh(cloud.sh_rest, nearest, cloud.sh_degree) if cloud.sh_degree else cloud.sh_rest
-    return replace(
-        cloud,
-        position=position.astype(np.float32),
-        scale=scale,
-        rotation=rotation,
-        sh_rest=np.ascontiguousarray(sh_rest),
-    )
-
-
-def polar_rotation(linear: Matrix) -> Matrix:
-    """The orthogonal matrix next to `linear` (3, 3); it mirrors where `linear` does."""
-    u, _, vt = np.linalg.svd(linear)
-    return u @ vt
-
-
-def _transform_shapes(
-    scale: npt.NDArray[np.float32], rotation: npt.NDArray[np.float32], linear: Matrix
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Scales and unit quaternions of the mapped ellipsoids.
-
-    A map that is a rotation times a uniform scale turns the axes and keeps their order; any other needs the singular
-    values of (linear · axes · scales), whose squares are the new covariance's eigenvalues.
-    """
-    axes = matrices_from_quaternions(rotation.astype(np.float64))
-    factor = np.cbrt(abs(np.linalg.det(linear)))
-    nearest = polar_rotation(linear)
-    if np.allclose(linear, factor * nearest, atol=1e-7 * factor):
-        turn = nearest if np.linalg.det(nearest) > 0 else -nearest  # an ellipsoid is its own point reflection
-        return (scale * np.float32(factor)).astype(np.float32), quaternions_from_matrices(turn @ axes).astype(
-            np.float32
-        )
-    u, singular, _ = np.linalg.svd(linear @ axes * scale.astype(np.float64)[:, None, :])
-    u[np.linalg.det(u) < 0] *= -1
-    return singular.astype(np.float32), quaternions_from_matrices(u).astype(np.float32)
-
-
-def matrices_from_quaternions(quaternion: Matrix) -> Matrix:
-    """Unit quaternions w, x, y, z (N, 4) to rotation matrices (N, 3, 3)."""
-    w, x, y, z = quaternion.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def quaternions_from_matrices(matrix: Matrix) -> Matrix:
-    """Rotation matrices (N, 3, 3) to unit quaternions w, x, y, z (N, 4) with w >= 0.
-
-    Takes the largest of the four components first, so that no division is by a small number.
-    """
-    m = matrix
-    trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
-    diagonal = np.stack([trace, m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]], axis=1)
-    # Column k of each table is 4 · q_k · (w, x, y, z).
-    w = np.stack([1 + trace, m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
-    x = np.stack([w[:, 1], 1 + 2 * m[:, 0, 0] - trace, m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0]], axis=1)
-    y = np.stack([w[:, 2], x[:, 2], 1 + 2 * m[:, 1, 1] - trace, m[:, 1, 2] + m[:, 2, 1]], axis=1)
-    z = np.stack([w[:, 3], x[:, 3], y[:, 3], 1 + 2 * m[:, 2, 2] - trace], axis=1)
-    chosen = np.stack([w, x, y, z], axis=1)[np.arange(len(m)), diagonal.argmax(axis=1)]
-    chosen /= np.linalg.norm(chosen, axis=1, keepdims=True)
-    return np.where(chosen[:, :1] < 0, -chosen, chosen)
+    matrix = checked(new_from_old, f"{cloud.name}: the transform")
+    device = choose_device("cpu")
+    editable = EditableCloud.from_cloud(cloud, device)
+    forward = SplatMap(matrix, cloud.sh_degree, device)
+    arrays = {part: editable.writable(part) for part in forward.parts}
+    forward.run(cloud.splat_count, no_rows(device), arrays, no_rows(device), arrays)
+    return editable.to_cloud()

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from stipple.engine.edit.sh_rotation import band_matrices, rotate_sh
-from stipple.engine.edit.transform import matrices_from_quaternions, quaternions_from_matrices, transform_cloud
+from stipple.engine.edit.transform import transform_cloud
 from stipple.engine.errors import StippleError
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
+from tests.oracle.projection import rotation_matrices
 from tests.oracle.sh import basis
 from tests.scenes import front_camera, random_cloud
 from tests.stats.image_metrics import psnr
@@ -19,7 +20,7 @@ from tests.stats.image_metrics import psnr
 
 def some_rotation(seed: int) -> np.ndarray:
     quaternion = np.random.default_rng(seed).normal(size=(1, 4))
-    return matrices_from_quaternions(quaternion / np.linalg.norm(quaternion))[0]
+    return rotation_matrices(quaternion)[0]
 
 
 def about(linear: np.ndarray, pivot: tuple[float, float, float] = (0.0, 0.0, 4.0)) -> np.ndarray:
@@ -69,16 +70,6 @@ def test_sh_rotation_is_exact(mirrored: bool) -> None:
         before = basis(directions, degree)[:, 1:] @ coefficients[0, :count]
         after = basis(directions @ rotation.T, degree)[:, 1:] @ turned[0]
         np.testing.assert_allclose(after, before, atol=1e-12)
-
-
-def test_quaternions_round_trip() -> None:
-    rng = np.random.default_rng(2)
-    quaternion = rng.normal(size=(1000, 4))
-    quaternion[:4] = np.eye(4)
-    quaternion[4:8] = np.eye(4) + 1e-9
-    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    back = quaternions_from_matrices(matrices_from_quaternions(quaternion))
-    np.testing.assert_allclose(np.abs((back * quaternion).sum(axis=1)), 1.0, atol=1e-12)
 
 
 def test_flattening_is_refused_and_nothing_is_changed() -> None:
