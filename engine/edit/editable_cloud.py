@@ -189,6 +189,9 @@ class EditableCloud:
         for name, held in self._arrays.items():
             shape = (total, rest_count) if held.ndim == 2 else (total,)
             whole = self._whole.get(name, held)
+            if 0 in shape:  # harmonics of degree 0: no memory, and Warp cannot slice it
+                resized[name] = wp.empty(shape, dtype=held.dtype, device=self.device)
+                continue
             if name in self._owned and whole.shape[0] >= total and whole.shape[1:] == shape[1:]:
                 resized[name] = whole
                 continue
@@ -202,7 +205,7 @@ class EditableCloud:
         for name, array in resized.items():
             self._put(name, array)
             self._whole[name] = array
-            self._arrays[name] = array[:total]
+            self._arrays[name] = array[:total] if array.size else array
             self._host.pop(name, None)
         self.splat_count = total
 

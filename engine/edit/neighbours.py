@@ -225,7 +225,7 @@ def typical_spacing(cloud: EditableCloud, neighbours: int = 6, world_from_object
     rows = cloud.selectable().indices()
     if not 1 <= neighbours <= MOST_NEIGHBOURS or rows.size <= neighbours:
         raise StippleError(
-            f"{cloud.name}: {rows.size:,} splats and {neighbours} neighbours; give 1 to {MOST_NEIGHBOURS} of more splats."
+            f"{cloud.name}: {neighbours} neighbours of {rows.size:,} splats; ask for 1 to {MOST_NEIGHBOURS}."
         )
     samples = min(SAMPLES, rows.size)
     squared = wp.empty((samples, neighbours + 1), dtype=wp.float32, device=cloud.device)

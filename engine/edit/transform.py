@@ -69,11 +69,13 @@ class TransformDrag:
         matrix = checked(new_from_old, f"{self._cloud.name}: the transform")
         forward = splat_map(self._cloud, in_object_space(matrix, self._world_from_object))
         targets = {part: self._cloud.array(part) for part in forward.parts}
-        if self._last is not None and set(self._last.parts) - set(forward.parts):
+        changed = set(forward.parts)
+        if self._last is not None and set(self._last.parts) - changed:
             self._put_back()  # an earlier map changed what this one does not
+            changed |= set(self._last.parts)
         forward.run(self._rows.size, self._all, self._old, self._rows, targets)
         self._last = forward
-        self._show(forward.parts)
+        self._show(changed)
 
     def finish(self) -> Step | None:
         if self._last is None or np.array_equal(self._last.matrix, np.eye(3, 4)):
@@ -90,14 +92,14 @@ class TransformDrag:
     def cancel(self) -> None:
         if self._last is not None:
             self._put_back()
-            self._show(tuple(self._old))
+            self._show(set(self._old))
             self._last = None
 
     def _put_back(self) -> None:
         targets = {part: self._cloud.array(part) for part in self._old}
         copy_rows(self._rows.size, self._all, self._old, self._rows, targets)
 
-    def _show(self, parts: tuple[str, ...]) -> None:
+    def _show(self, parts: set[str]) -> None:
         self._cloud.touched(*parts)
         if "base_rest" in parts:
             show_harmonics(self._cloud, self._rows)

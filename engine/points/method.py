@@ -24,6 +24,7 @@ from .counts import draw_counts
 from .distribute import distribute, distribute_pass
 from .rates import find_rates
 from .resolve import Subpixels, resolve_records, resolve_splats
+from .seen import mark_seen
 from .splat import BATCH_CPU, splat_points
 
 BATCHES_PER_LAUNCH = 1 << 19  # some 8 M points: a quarter of a second on two cores, so a host can cancel in time
@@ -89,6 +90,12 @@ class PointsFrame:
             self._throw_slabs(self._blocks, Occlusion(), stream, frame, checkpoint)
         with self._timer.stage("resolve"):
             resolve_splats(placed, self._view, subpixels, film)
+
+    def mark_seen(self, instance: int, film: Film, hits: wp.array) -> None:
+        """Set the byte of each splat of an instance that the last sample showed somewhere; see `seen`."""
+        words = self._buffers.array("visibility", wp.uint64, film.width * film.height * self._settings.supersampling**2)
+        staged = self._kept[0].arrays if self._kept is not None else None
+        mark_seen(words, staged, self._shot.placements.placed, instance, hits)
 
     def _streams(self, sample: int) -> wp.array:
         """Per instance the random stream of a sample."""
