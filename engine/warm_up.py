@@ -31,8 +31,8 @@ def load_kernels(device: wp.Device, method: str, progress: Callable[[float, str]
 
 
 def kernel_modules(method: str, cuda: bool) -> list[ModuleType]:
-    """The engine's modules with kernels that `method` launches on a CPU or on CUDA."""
-    others = tuple(f"{PACKAGE}.{name}." for name in renderer.METHOD_FRAMES if name != method)
+    """The engine's imported modules with kernels that `method`, or "edit", launches on a CPU or on CUDA."""
+    others = tuple(f"{PACKAGE}.{name}." for name in (*renderer.METHOD_FRAMES, "edit") if name != method)
     modules = []
     for name, module in sorted(sys.modules.items()):
         if not name.startswith(PACKAGE + ".") or name.startswith(others) or (name.endswith(CUDA_ONLY) and not cuda):

@@ -38,6 +38,7 @@ from stipple.engine.renderer import Frame, Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import METHODS, Settings
 from stipple.engine.splats import ARRAY_NAMES, SplatCloud
+from stipple.scripts.bench_edit import measure_editing
 from stipple.scripts.sample_capture import build_sample
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -214,6 +215,14 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--supersampling", type=int, default=1)
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--threads", type=int, default=engine_device.thread_count(), help="on a CPU; default: all")
+    parser.add_argument(
+        "--edit",
+        type=float,
+        nargs="?",
+        const=137.0,
+        metavar="MILLIONS",
+        help="measure editing instead, up to so many splats",
+    )
     parser.add_argument("--json", type=Path, default=ROOT / "bench.json", metavar="FILE")
     return parser.parse_args()
 
@@ -225,6 +234,8 @@ def main() -> None:
     result: dict[str, Any] = {"machine": machine(renderer), "size": SIZE, "repeats": options.repeats, "presets": {}}
     print(", ".join(f"{key} {value}" for key, value in result["machine"].items()))
     presets = LARGE if options.large else {name: PRESETS[name] for name in options.preset or PRESETS}
+    if options.edit is not None:
+        presets, result["editing"] = {}, measure_editing(renderer.device, options.repeats, options.edit)
     for name, preset in presets.items():
         loaded = preset.load()
         if loaded is None:

@@ -28,7 +28,10 @@ UNPAINTED = wp.constant(wp.uint64(0))
 SH_C0_F = wp.constant(SH_C0)
 LOWEST = wp.constant(-1.0)  # base colours of captures leave 0 … 1; 16 bits over -1 … 3 are a sixty-fourth of 1/255
 STEPS_PER_UNIT = wp.constant(65535.0 / 4.0)
+UNITS_PER_STEP = wp.constant(4.0 / 65535.0)
 FRACTION_STEPS = wp.constant(128.0)  # own and value, 0 … 2
+FRACTIONS_PER_STEP = wp.constant(1.0 / 128.0)
+DC_PER_COLOUR = wp.constant(1.0 / SH_C0)
 
 
 @wp.struct
@@ -56,9 +59,9 @@ def unpacked(word: wp.uint64, base_dc: wp.vec3) -> Paint:
         return paint
     mask = wp.uint64(0xFFFF)
     for k in range(3):
-        paint.colour[k] = LOWEST + float((word >> wp.uint64(16 * k)) & mask) / STEPS_PER_UNIT
-    paint.own = float((word >> wp.uint64(48)) & wp.uint64(255)) / FRACTION_STEPS
-    paint.value = float(word >> wp.uint64(56)) / FRACTION_STEPS
+        paint.colour[k] = LOWEST + float((word >> wp.uint64(16 * k)) & mask) * UNITS_PER_STEP
+    paint.own = float((word >> wp.uint64(48)) & wp.uint64(255)) * FRACTIONS_PER_STEP
+    paint.value = float(word >> wp.uint64(56)) * FRACTIONS_PER_STEP
     return paint
 
 
@@ -88,7 +91,7 @@ def painted_dc(word: wp.uint64, base_dc: wp.vec3) -> wp.vec3:
     """Coefficient of band 0 as painted; an unpainted splat's own bits."""
     if word == UNPAINTED:
         return base_dc
-    return (unpacked(word, base_dc).colour - wp.vec3(0.5, 0.5, 0.5)) / SH_C0_F
+    return (unpacked(word, base_dc).colour - wp.vec3(0.5, 0.5, 0.5)) * DC_PER_COLOUR
 
 
 @wp.func

@@ -258,7 +258,9 @@ class SplatMap:
 
     def inverse(self) -> SplatMap:
         """The map back; only close to this one's inverse once values are rounded."""
-        return SplatMap(inverse(self.matrix), self._sh_degree, self._device)
+        back = SplatMap(inverse(self.matrix), self._sh_degree, self._device)
+        back._map.turn = wp.quat_inverse(self._map.turn)  # of the two quaternions, the one that undoes the sign as well
+        return back
 
     def run(
         self,
