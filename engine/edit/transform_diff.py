@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..buffers import allocate
+from ..device import map_on_threads
 from .affine import Matrix
 from .editable_cloud import EditableCloud
 from .lossless import Distances, deflate, inflate, join, split
@@ -17,7 +18,7 @@ from .rows import Arrays, as_columns, no_rows, scratch_rows
 from .transform_kernels import SplatMap
 
 BLOCK = 1 << 14  # splats whose distances are deflated together
-ROUND = 8  # blocks that are split before they are deflated, so that all threads have work
+ROUND = 8  # blocks that are deflated or inflated at a time, so that all threads have work
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +51,15 @@ class TransformDiff:
         predicted = scratch_rows(arrays, min(BLOCK, rows.size), cloud.device, "undoing a transform")
         done = 0
         try:
-            for block in self.blocks:
-                some = rows[done : min(done + BLOCK, rows.size)]
-                into = {name: array[: some.size] for name, array in predicted.items()}
-                planes = [inflate(part) for part in block]
-                backward.run(some.size, some, arrays, no_rows(cloud.device), into)
-                for name, bytes_of_part in zip(self.parts, planes, strict=True):
-                    join(some, arrays[name], into[name], bytes_of_part)
-                done += some.size
+            for at in range(0, len(self.blocks), ROUND):
+                planes = map_on_threads(inflate, [part for block in self.blocks[at : at + ROUND] for part in block])
+                while planes:
+                    some = rows[done : min(done + BLOCK, rows.size)]
+                    into = {name: array[: some.size] for name, array in predicted.items()}
+                    backward.run(some.size, some, arrays, no_rows(cloud.device), into)
+                    for name in self.parts:
+                        join(some, arrays[name], into[name], planes.pop(0))
+                    done += some.size
         except BaseException:
             forward.run(done, rows[:done], arrays, rows[:done], arrays)
             raise
