@@ -2,7 +2,7 @@
 """Measure editing: the rows of Splatshop's tables 1 and 2 (doi 10.1111/cgf.70214), and selection beside them.
 
 `scripts/bench --edit` runs it. Captures are generated: splats spread over a slab, in random order. A row is the median
-of `--repeats` runs (a third of them above 10 M splats) after one that warms up, as wall and core milliseconds. "few"
+of `--repeats` runs after one that warms up, fewer where they take seconds, as wall and core milliseconds. "few"
 touches some tens of splats, "brush" is an everyday one, "all" touches every splat. Sizes for which memory does not
 suffice are skipped and say so.
 """
@@ -37,6 +37,7 @@ from stipple.engine.splats import SH_REST_COUNT
 
 EDGE = 10.0  # of the slab [units]
 MIDDLE = (0.0, 0.0, 0.0)
+LONGEST = 8.0  # [s] after which a row is not repeated again
 BRUSH = 0.5  # radius of an everyday brush: some thousandth of the slab
 
 
@@ -52,7 +53,10 @@ class Bench:
     def row(self, name: str, run: Callable[[], Any], prepare: Callable[[], Any] | None = None) -> None:
         """Time `run`; `prepare` is not counted."""
         wall, core = [], []
-        for _ in range(self.repeats + 1):
+        begin_row = time.perf_counter()
+        for run_number in range(self.repeats + 1):
+            if run_number > 1 and time.perf_counter() - begin_row > LONGEST:
+                break
             if prepare is not None:
                 prepare()
             begin, begin_core = time.perf_counter(), time.process_time()
@@ -213,8 +217,7 @@ def measure_editing(device: wp.Device, repeats: int, largest: float) -> dict[str
             continue
         print(name, flush=True)
         cloud = generated(int(size.millions * 1e6), size.degree, size.shapes, device)
-        runs = repeats if size.millions <= 10 else max(1, repeats // 3)
-        bench = Bench(cloud, History(cloud), runs)
+        bench = Bench(cloud, History(cloud), repeats)
         for rows in (selection_rows, transform_rows, painting_rows):
             rows(bench)
         results[name] = {row: values for row, values in bench.rows.items() if values}
