@@ -21,6 +21,7 @@ from ..engine.settings import Settings
 from . import output, residency, sync
 from .camera import camera_from_blender
 from .viewport_draw import Viewport
+from .world import working_space
 
 if TYPE_CHECKING:
     from ..engine.film import Picture
@@ -117,7 +118,7 @@ def render_view_layer(b_engine: Any, depsgraph: Any) -> None:
         for index, (view, camera) in enumerate(cameras.items()):
             progress = Progress(b_engine, index / len(cameras), 1 / len(cameras))
             for picture in _pictures(renderer, scene, camera, settings, progress):
-                output.write_picture(b_engine, picture, layer, view, sync.working_space())
+                output.write_picture(b_engine, picture, layer, view, working_space())
                 warnings += picture.stats.warnings
                 peak_mib = picture.stats.peak_bytes / 2**20
                 b_engine.update_memory_stats(memory_used=peak_mib, memory_peak=peak_mib)

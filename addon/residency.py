@@ -17,6 +17,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..engine.splats import SplatCloud
+from . import world
 from .splat_data import CloudKey, cloud_from_datablock, key_of, splat_count_of
 from .viewport_worker import ViewportWorker
 
@@ -162,6 +163,7 @@ def free() -> None:
     worker.stop()
     free_renderer()
     clouds.free()
+    world.images.free()
     if _prepared:  # else Warp was never imported
         from ..engine.device import close_pools
 

@@ -64,8 +64,8 @@ class EnvironmentImage:
 class Environment:
     """An image placed around the scene; compares equal as long as it looks the same.
 
-    - `environment_from_world`: 3×4; its affine map of a unit direction in the world is looked up in the image. Its space
-      has the zenith at +z and the image's centre at +x; to the right of the centre is −y.
+    - `environment_from_world`: 3×4; its affine map of a unit direction in the world is looked up in the image, whose
+      space has the zenith at +z and the image's centre at +x; to the right of the centre is −y.
     - `strength`: the light's factor.
     """
 

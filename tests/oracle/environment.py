@@ -44,7 +44,11 @@ def light_along(pixels: npt.ArrayLike, directions: Float64Array) -> Float64Array
 
 
 def light_behind(
-    pixels: npt.ArrayLike, environment_from_world: npt.ArrayLike, strength: float, camera: CameraLike, subpixels: int = 1
+    pixels: npt.ArrayLike,
+    environment_from_world: npt.ArrayLike,
+    strength: float,
+    camera: CameraLike,
+    subpixels: int = 1,
 ) -> Float64Array:
     """Scene-linear light (H, W, 3) that reaches each pixel of the camera's window."""
     affine = np.asarray(environment_from_world, np.float64)
