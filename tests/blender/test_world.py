@@ -64,7 +64,10 @@ def test_working_space_is_the_files() -> None:
 @pytest.mark.parametrize("vector_type", ["POINT", "TEXTURE", "VECTOR", "NORMAL"])
 @pytest.mark.parametrize("lens", ["PERSP", "ORTHO"])
 def test_an_image_is_where_cycles_shows_it(tmp_path: Path, vector_type: str, lens: str) -> None:
-    """Mapping, strength, camera; Cycles shares no code with us. Its table of directions is good to about 1e-3."""
+    """Mapping, strength, camera; Cycles shares no code with us.
+
+    Its image repeats downwards too, so that it mixes zenith and nadir in the last half row: a few pixels, where we do not.
+    """
     use_stipple(64, 48)
     b_camera = add_camera()
     b_camera.data.type, b_camera.data.lens, b_camera.data.shift_x = lens, 12.0, 0.1
@@ -77,7 +80,8 @@ def test_an_image_is_where_cycles_shows_it(tmp_path: Path, vector_type: str, len
         b_mapping.inputs["Location"].default_value = (0.1, -0.2, 0.15)
     ours, wanted = render(tmp_path / "ours.exr"), cycles_picture(tmp_path / "cycles.exr")
     assert wanted[..., :3].std() > (0.5 if lens == "PERSP" else 0.05)  # three channels of one color in orthographic
-    np.testing.assert_allclose(ours, wanted, rtol=4e-3)
+    differs = np.abs(ours / wanted - 1).max(axis=2) > 1e-4
+    assert differs.sum() <= 4
 
 
 def test_byte_images_and_files_are_linear_light(tmp_path: Path) -> None:
