@@ -18,6 +18,7 @@ from bpy.app.handlers import persistent
 
 from ..engine.splats import SplatCloud
 from . import world
+from .sequence_cache import SequenceClouds
 from .splat_data import CloudKey, cloud_from_datablock, key_of, splat_count_of
 from .viewport_worker import ViewportWorker
 
@@ -112,6 +113,7 @@ class EvaluatedClouds:
 
 
 clouds = CloudCache()
+sequences = SequenceClouds()
 _renderers: dict[str, Renderer] = {}  # of final renders, by device; at most one
 _prepared: set[tuple[str, str]] = set()
 
@@ -163,6 +165,7 @@ def free() -> None:
     worker.stop()
     free_renderer()
     clouds.free()
+    sequences.free()
     world.images.free()
     if _prepared:  # else Warp was never imported
         from ..engine.device import close_pools

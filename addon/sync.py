@@ -11,7 +11,7 @@ import numpy as np
 
 from ..engine.scene import Instance, Scene
 from ..engine.settings import Settings
-from . import world
+from . import residency, sequence, world
 from .residency import CloudCache, Entry, EvaluatedClouds
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
@@ -27,17 +27,25 @@ def scene_from_depsgraph(depsgraph: Any, cache: CloudCache) -> tuple[Scene, tupl
     Visibility*) and instances squashed to nothing are skipped. Raises StippleError for a capture with broken
     attributes.
     """
-    with cache.reading(keep=sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1):
-        instances, warnings = _instances(
-            depsgraph, lambda b_instance, b_object: cache.cloud_of(b_object.data, b_object.name)
-        )
+    player = sequence.SequencePlayer(residency.sequences)
+
+    def cloud_of(b_instance: Any, b_object: Any) -> Entry:
+        return player.cloud_of(b_object) if sequence.plays(b_object) else cache.cloud_of(b_object.data, b_object.name)
+
+    keep = sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1
+    with cache.reading(keep), player.reading(depsgraph.scene, keep):
+        instances, warnings = _instances(depsgraph, cloud_of)
     world.images.look_again()
     background, notice = world.background_of(depsgraph.scene)
-    return Scene(instances, background), (*warnings, *([notice] if notice else []))
+    return Scene(instances, background), (*warnings, *player.warnings, *([notice] if notice else []))
 
 
 def viewport_instances(
-    depsgraph: Any, b_space: Any, known: EvaluatedClouds, changed: Collection[int]
+    depsgraph: Any,
+    b_space: Any,
+    known: EvaluatedClouds,
+    player: sequence.SequencePlayer,
+    changed: Collection[int],
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """As `scene_from_depsgraph` for what one viewport shows: local view and the viewport's object types count.
 
@@ -48,11 +56,14 @@ def viewport_instances(
         b_shown = b_instance.parent if b_instance.is_instance else b_object
         if not b_shown.visible_in_viewport_get(b_space):
             return None, 0
+        if sequence.plays(b_object):
+            return player.cloud_of(b_object)
         uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
         return known.cloud_of(b_object.data, b_object.name, uids)
 
-    with known.reading(changed):
-        return _instances(depsgraph, cloud_of)
+    with known.reading(changed), player.reading(depsgraph.scene):
+        instances, warnings = _instances(depsgraph, cloud_of)
+    return instances, (*warnings, *player.warnings)
 
 
 def changed_geometry(depsgraph: Any) -> set[int]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
 from . import residency, sync, world
+from .sequence import SequencePlayer
 from .view_camera import view_of
 from .viewport import Aim, ViewportSession
 from .viewport_rays import RaysViewportSession
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from ..engine.renderer import Renderer
 
 SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
+PATIENCE = 0.1  # [s] a redraw waits for a file of a sequence; then the one before stays until it is there
 
 
 class Viewport:
@@ -37,6 +39,7 @@ class Viewport:
         self._raster: Renderer | None = None  # of *rays*
         self._display = Display()
         self._known = residency.EvaluatedClouds(residency.clouds)
+        self._player = SequencePlayer(residency.sequences, PATIENCE, redraw)
         self._instances: tuple[Instance, ...] = ()
         self._scene = Scene(())
         self._visibility: tuple[object, ...] | None = None
@@ -52,7 +55,7 @@ class Viewport:
     def draw(self, b_engine: Any, context: Any, depsgraph: Any) -> None:
         """Draws the newest picture and sees whether it is still of what the viewport looks at."""
         b_space, b_scene = context.space_data, depsgraph.scene
-        if self._visibility != _visibility(b_space):
+        if self._visibility != _visibility(b_space) or self._player.is_stale(b_scene):
             self._read(context, depsgraph, ())
         self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
@@ -91,7 +94,9 @@ class Viewport:
     def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
         self._visibility = _visibility(context.space_data)
         try:
-            self._instances, warnings = sync.viewport_instances(depsgraph, context.space_data, self._known, changed)
+            self._instances, warnings = sync.viewport_instances(
+                depsgraph, context.space_data, self._known, self._player, changed
+            )
             self._notice = warnings[0] if warnings else ""
         except StippleError as error:
             self._instances, self._notice = (), str(error)

@@ -62,7 +62,9 @@ def find_numbered(path: AnyPath) -> NumberedFiles:
     path = Path(path)
     match = NUMBER.fullmatch(path.stem)
     if match is None:
-        raise StippleError(f"{path}: the name has no number; a sequence has names such as {path.stem}.0001{path.suffix}.")
+        raise StippleError(
+            f"{path}: the name has no number; a sequence has names such as {path.stem}.0001{path.suffix}."
+        )
     same = re.compile(re.escape(match["before"]) + r"(\d+)" + re.escape(match["after"] + path.suffix))
     try:
         with os.scandir(path.parent) as entries:

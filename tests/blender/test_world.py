@@ -66,7 +66,8 @@ def test_working_space_is_the_files() -> None:
 def test_an_image_is_where_cycles_shows_it(tmp_path: Path, vector_type: str, lens: str) -> None:
     """Mapping, strength, camera; Cycles shares no code with us.
 
-    Its image repeats downwards too, so that it mixes zenith and nadir in the last half row: a few pixels, where we do not.
+    Its image repeats downwards too, so that it mixes zenith and nadir in the last half row, where we do not: a few
+    pixels.
     """
     use_stipple(64, 48)
     b_camera = add_camera()

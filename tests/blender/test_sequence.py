@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Sequences of splat files as one object: import, frames in renders and viewports, saving, gaps, memory, threads."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from stipple.addon import residency, sync
+from stipple.addon.residency import CloudCache, EvaluatedClouds
+from stipple.addon.sequence import SequencePlayer
+from stipple.addon.sequence_cache import THREAD_NAME, SequenceClouds
+from stipple.addon.sequence_panel import texts_of
+from stipple.addon.splat_data import splat_count_of
+from stipple.engine.errors import StippleError
+from stipple.engine.formats import read_splats
+from stipple.engine.scene import Scene
+
+from .captures import (
+    add_camera,
+    add_capture,
+    assert_same_cloud,
+    pixels_of,
+    random_cloud,
+    render,
+    use_stipple,
+    write_ply,
+)
+
+pytestmark = pytest.mark.blender
+COUNTS = {1: 30, 2: 50, 3: 40, 5: 20}  # splats by number; 4 is missing
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    files = tmp_path / "walk"
+    files.mkdir()
+    for number, count in COUNTS.items():
+        write_ply(files / f"walk.{number:04d}.ply", random_cloud(count, 1, seed=number, size=0.15))
+    return files
+
+
+@pytest.fixture(autouse=True)
+def no_thread_is_left() -> Iterator[None]:
+    yield
+    residency.free()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith(THREAD_NAME)]
+
+
+def import_sequence(folder: Path, number: int = 1) -> Any:
+    bpy.ops.import_scene.splats(filepath=str(folder / f"walk.{number:04d}.ply"), sequence=True)
+    b_object = bpy.context.view_layer.objects.active
+    b_object.rotation_euler = (0, 0, 0)
+    return b_object
+
+
+def shown(frame: int, subframe: float = 0.0) -> tuple[Scene, tuple[str, ...]]:
+    bpy.context.scene.frame_set(frame, subframe=subframe)
+    return sync.scene_from_depsgraph(bpy.context.evaluated_depsgraph_get(), CloudCache())
+
+
+def counts(*frames: int) -> list[int]:
+    return [shown(frame)[0].splat_count for frame in frames]
+
+
+def test_import_makes_one_object_that_plays(folder: Path) -> None:
+    bpy.context.scene.frame_start = 11
+    b_object = import_sequence(folder, 2)
+    assert len(bpy.data.objects) == 1 and splat_count_of(b_object.data) == COUNTS[2]
+    b_sequence = b_object.stipple_sequence
+    assert b_sequence.enabled and b_sequence.frame_start == 11 and b_sequence.loop == "EXTEND"
+    assert counts(10, 11, 12, 13, 15, 16) == [30, 30, 50, 40, 20, 20]
+    scene, _ = shown(13)
+    assert_same_cloud(scene.instances[0].cloud, read_splats(folder / "walk.0003.ply").cloud)
+    assert texts_of(b_object, 13) == ("4 files, 1 to 5, 1 missing", "Now walk.0003.ply")
+    b_sequence.enabled = False
+    assert counts(11, 13) == [COUNTS[2]] * 2
+
+
+def test_a_selection_of_numbered_files_is_one_sequence(folder: Path) -> None:
+    write_ply(folder / "talk7.ply", random_cloud(9))
+    files = [{"name": path.name} for path in sorted(folder.glob("*.ply"))]
+    bpy.ops.import_scene.splats(files=files, directory=str(folder), sequence=True)
+    assert sorted(b_object.name for b_object in bpy.data.objects) == ["talk7", "walk.0001"]
+    bpy.ops.import_scene.splats(files=files, directory=str(folder))
+    assert len(bpy.data.objects) == 2 + len(files)
+
+
+def test_a_name_without_a_number_is_refused(tmp_path: Path) -> None:
+    path = write_ply(tmp_path / "koala.ply", random_cloud(9))
+    with pytest.raises(RuntimeError, match="the name has no number"):
+        bpy.ops.import_scene.splats(filepath=str(path), sequence=True)
+    assert not bpy.data.objects
+
+
+def test_a_missing_number_holds_the_one_before_and_says_so(folder: Path) -> None:
+    import_sequence(folder)
+    scene, warnings = shown(4)
+    assert scene.splat_count == COUNTS[3]
+    assert warnings == ("walk.0001: number 4 of the sequence is missing; walk.0003.ply is held.",)
+    assert shown(5)[1] == ()
+
+
+def test_the_frame_mapping_is_the_objects(folder: Path) -> None:
+    b_sequence = import_sequence(folder).stipple_sequence
+    b_sequence.speed = 0.5
+    assert counts(1, 2, 3, 4, 5) == [30, 30, 50, 50, 40]
+    b_sequence.speed = -1.0
+    assert counts(1, 2, 3, 4, 5, 6) == [20, 40, 40, 50, 30, 30]
+    b_sequence.speed, b_sequence.loop = 1.0, "CLIP"
+    assert counts(0, 1, 5, 6) == [0, 30, 20, 0]
+    b_sequence.loop = "REPEAT"
+    assert counts(6, 7, 0) == [30, 50, 20]
+    b_sequence.loop = "PING_PONG"
+    assert counts(6, 7, 9, 10) == [40, 40, 30, 50]
+    assert shown(1, 0.9)[0].splat_count == 30
+
+
+def test_the_offset_can_be_animated_to_retime(folder: Path) -> None:
+    b_object = import_sequence(folder)
+    b_object.stipple_sequence.speed = 0.0
+    for frame, offset in ((1, 0), (2, 4), (3, 1)):
+        b_object.stipple_sequence.frame_offset = offset
+        b_object.keyframe_insert("stipple_sequence.frame_offset", frame=frame)
+    assert counts(1, 2, 3) == [30, 20, 50]
+
+
+def test_copies_play_apart_and_share_files(folder: Path) -> None:
+    b_object = import_sequence(folder)
+    b_copy = b_object.copy()
+    bpy.context.scene.collection.objects.link(b_copy)
+    b_copy.stipple_sequence.frame_start = 2
+    first, _ = shown(2)
+    assert [instance.cloud.splat_count for instance in first.instances] == [50, 30]
+    b_copy.stipple_sequence.frame_start = 1
+    same, _ = shown(2)
+    assert same.instances[0].cloud is same.instances[1].cloud is first.instances[0].cloud
+
+
+def test_instances_of_collections_play(folder: Path) -> None:
+    b_object = import_sequence(folder)
+    b_collection = bpy.data.collections.new("Set")
+    b_collection.objects.link(b_object)
+    b_empty = bpy.data.objects.new("Instance", None)
+    b_empty.instance_type, b_empty.instance_collection = "COLLECTION", b_collection
+    bpy.context.scene.collection.objects.link(b_empty)
+    assert counts(1, 2, 3) == [60, 100, 80]
+
+
+def viewport_counts(player: SequencePlayer) -> list[int]:
+    class Space:  # a viewport that shows everything; what Blender asks of a real one needs a window
+        pass
+
+    b_depsgraph = bpy.context.evaluated_depsgraph_get()
+    known = EvaluatedClouds(CloudCache())
+    b_shown = [b_instance.object for b_instance in b_depsgraph.object_instances]
+    with known.reading(()), player.reading(b_depsgraph.scene):
+        clouds = [player.cloud_of(b_object)[0] for b_object in b_shown if b_object.type in ("MESH", "POINTCLOUD")]
+    return [0 if cloud is None else cloud.splat_count for cloud in clouds]
+
+
+def test_a_viewport_notices_frames_and_shows_what_renders_show(folder: Path) -> None:
+    import_sequence(folder)
+    b_scene = bpy.context.scene
+    player = SequencePlayer(residency.sequences, patience=30.0)
+    b_scene.frame_set(1)
+    assert not player.is_stale(b_scene)  # nothing was read yet: Blender says that there is something new
+    for frame in (1, 2, 5, 3):
+        b_scene.frame_set(frame)
+        assert frame == 1 or player.is_stale(b_scene)
+        assert viewport_counts(player) == counts(frame)
+        assert not player.is_stale(b_scene)
+
+
+def test_a_late_file_leaves_the_one_before_and_arrives(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import_sequence(folder)
+    gate, arrived = threading.Event(), threading.Event()
+
+    def slow_disk(path: Path) -> Any:
+        assert gate.wait(30)
+        return read_splats(path)
+
+    monkeypatch.setattr("stipple.addon.sequence_cache.read_splats", slow_disk)
+    player = SequencePlayer(residency.sequences, patience=0.01, arrived=arrived.set)
+    b_scene = bpy.context.scene
+    b_scene.frame_set(1)
+    gate.set()
+    while viewport_counts(player) != [30]:
+        time.sleep(0.01)
+    gate.clear()
+    arrived.clear()
+    residency.sequences.free()
+    b_scene.frame_set(2)
+    assert viewport_counts(player) == [30]
+    assert player.warnings == ("walk.0001: reading walk.0002.ply",) and not player.is_stale(b_scene)
+    gate.set()
+    assert arrived.wait(30) and player.is_stale(b_scene)
+    assert viewport_counts(player) == [50] and player.warnings == ()
+
+
+@pytest.mark.parametrize("method", ["SORTED", "POINTS"])
+def test_renders_of_frames_are_those_of_the_files(folder: Path, tmp_path: Path, method: str) -> None:
+    b_scene = use_stipple(method=method)
+    add_camera()
+    b_object = import_sequence(folder)
+    b_scene.frame_start, b_scene.frame_end = 1, 3
+    b_scene.render.image_settings.file_format = "PNG"
+    b_scene.render.filepath = str(tmp_path / "out" / "")
+    bpy.ops.render.render(animation=True)
+    animated = [pixels_of(path) for path in sorted((tmp_path / "out").glob("*.png"))]
+    bpy.data.objects.remove(b_object)
+    for number, frame in enumerate(animated, 1):
+        b_still = add_capture(read_splats(folder / f"walk.{number:04d}.ply").cloud)
+        b_scene.frame_set(number)
+        assert frame[..., :3].max() > 0.2
+        np.testing.assert_array_equal(frame, render(tmp_path / "still.png"))
+        bpy.data.objects.remove(b_still)
+
+
+def test_relative_paths_follow_the_file(folder: Path, tmp_path: Path) -> None:
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    import_sequence(folder)
+    assert bpy.context.view_layer.objects.active.stipple_sequence.filepath == "//walk/walk.0001.ply"
+    bpy.ops.wm.save_mainfile()
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    shutil.move(str(folder), str(moved / "walk"))
+    shutil.move(str(blend), str(moved / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(moved / "scene.blend"))
+    assert counts(1, 2, 3) == [30, 50, 40]
+
+
+def test_saving_elsewhere_keeps_the_sequence_and_a_copy_moves_nothing(folder: Path, tmp_path: Path) -> None:
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    b_sequence = import_sequence(folder).stipple_sequence
+    for name in ("copies", "deep/er"):
+        (tmp_path / name).mkdir(parents=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "copies" / "copy.blend"), copy=True)
+    assert b_sequence.filepath == "//walk/walk.0001.ply" and counts(2) == [50]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "deep" / "er" / "scene.blend"))
+    assert b_sequence.filepath == "//../../walk/walk.0001.ply"
+    for blend in ("copies/copy.blend", "deep/er/scene.blend"):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / blend))
+        assert counts(1, 2) == [30, 50]
+
+
+def test_a_linked_object_plays_beside_its_own_file(folder: Path, tmp_path: Path) -> None:
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "asset.blend"))
+    name = import_sequence(folder).name
+    bpy.ops.wm.save_mainfile()
+    (tmp_path / "shots").mkdir()
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shots" / "shot.blend"))
+    with bpy.data.libraries.load(str(tmp_path / "asset.blend"), link=True) as (_, wanted):
+        wanted.objects = [name]
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    assert counts(1, 2) == [30, 50]
+
+
+@pytest.mark.parametrize(
+    ("filepath", "sentence"),
+    [
+        ("", "walk.0001: the sequence has no file; choose one in Object properties > Splat Sequence"),
+        ("//walk.1.ply", "relative to a file that was never saved"),
+        ("/nowhere/walk.1.ply", "the folder of the sequence cannot be read"),
+    ],
+)
+def test_what_is_wrong_with_the_file_is_said(folder: Path, tmp_path: Path, filepath: str, sentence: str) -> None:
+    use_stipple()
+    add_camera()
+    b_object = import_sequence(folder)
+    b_object.stipple_sequence.filepath = filepath
+    with pytest.raises(RuntimeError, match=sentence):
+        render(tmp_path / "failed.png")
+    assert not list(tmp_path.glob("failed*"))
+    assert sentence in texts_of(b_object, 1)[0]
+
+
+def test_a_damaged_file_stops_with_its_name_and_can_be_replaced(folder: Path) -> None:
+    import_sequence(folder)
+    good = (folder / "walk.0002.ply").read_bytes()
+    (folder / "walk.0002.ply").write_bytes(good[:-10])
+    assert counts(1) == [30]  # and reads ahead in vain
+    with pytest.raises(StippleError, match=r"walk\.0002\.ply"):
+        shown(2)
+    assert counts(3) == [40]
+    (folder / "walk.0002.ply").write_bytes(good)
+    assert counts(2) == [50]
+
+
+def test_files_that_appear_are_found(folder: Path) -> None:
+    import_sequence(folder)
+    assert counts(4, 6) == [40, 20]
+    for number in (4, 6):
+        write_ply(folder / f"walk.{number:04d}.ply", random_cloud(60 + number))
+    assert counts(4, 6) == [64, 66]
+
+
+def test_the_next_files_are_read_ahead(folder: Path) -> None:
+    import_sequence(folder)
+    shown(1)
+    futures = residency.sequences._files
+    assert sorted(key[0].name for key in futures) == [f"walk.000{number}.ply" for number in (1, 2, 3)]
+    read_ahead = {key[0].name: future.result(30).cloud for key, future in futures.items()}
+    scene, _ = shown(2)
+    assert scene.instances[0].cloud is read_ahead["walk.0002.ply"]
+
+
+def test_memory_is_bounded(folder: Path) -> None:
+    clouds = SequenceClouds()
+    paths = sorted(folder.glob("walk.*.ply"))
+    sizes = [read_splats(path).cloud.nbytes for path in paths]
+    for limit, hoard, kept in ((1 << 30, True, 4), (1 << 30, False, 1), (0, True, 1), (sum(sizes[-2:]), True, 2)):
+        for path in paths:
+            with clouds.reading(limit, hoard=hoard):
+                clouds.cloud_of(path)
+        assert len(clouds) == kept, limit
+        assert clouds.held_bytes == sum(sizes[-kept:])
+    with clouds.reading(sizes[0] + 1):
+        clouds.cloud_of(paths[0])
+        clouds.expect(paths[1])  # for which there is no room
+    assert len(clouds) == 1
+    clouds.free()
+    assert len(clouds) == 0
+
+
+def test_view_layers_keep_what_each_of_them_shows(folder: Path) -> None:
+    clouds = SequenceClouds()
+    one, two = sorted(folder.glob("walk.*.ply"))[:2]
+    for path in (one, two):
+        with clouds.reading(1 << 30, keep=2, hoard=False):
+            clouds.cloud_of(path)
+    assert len(clouds) == 2
+    clouds.free()
+
+
+def test_many_threads_may_ask_at_once(folder: Path) -> None:
+    clouds = SequenceClouds()
+    paths, seen, failed = sorted(folder.glob("walk.*.ply")), set(), []
+
+    def ask(seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        try:
+            for index in rng.integers(0, len(paths), 60):
+                with clouds.reading(1 << 30):
+                    clouds.expect(paths[rng.integers(0, len(paths))])
+                    loaded = clouds.cloud_of(paths[index], rng.choice([None, 0.0, 5.0]))
+                    if loaded is not None:
+                        seen.add((int(index), loaded.cloud.splat_count))
+        except BaseException as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=ask, args=(seed,)) for seed in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not failed and not any(thread.is_alive() for thread in threads)
+    assert seen == {(0, 30), (1, 50), (2, 40), (3, 20)}
+    clouds.free()
