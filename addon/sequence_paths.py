@@ -28,8 +28,7 @@ def path_of(b_object: Any) -> Path:
         raise StippleError(f"{name}: the sequence has no file; choose one in Object properties > Splat Sequence.")
     if stored.startswith(RELATIVE) and not (b_original.library or bpy.data.filepath):
         raise StippleError(f"{name}: the sequence's path {stored} is relative to a file that was never saved; save it.")
-    path = bpy.path.abspath(stored, library=b_original.library)
-    return Path(os.path.normpath(path))
+    return Path(bpy.path.abspath(stored, library=b_original.library))
 
 
 def stored_path(path: Path) -> str:

@@ -19,7 +19,7 @@ from stipple.engine.colour import scene_linear_from_display
 from stipple.engine.scene import Environment
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
-from .worlds import add_environment, add_world, new_image, set_light, smooth_sky
+from .worlds import add_environment, add_world, new_image, save_exr, set_light, smooth_sky
 
 pytestmark = pytest.mark.blender
 
@@ -157,29 +157,20 @@ def test_pixels_are_read_only_when_they_change() -> None:
 
 def test_a_file_that_was_saved_again_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "sky.exr"
-
-    def save(brightest: float) -> None:
-        b_image = new_image(smooth_sky(brightest), "writer")
-        b_image.filepath_raw, b_image.file_format = str(path), "OPEN_EXR"
-        b_image.save()
-        bpy.data.images.remove(b_image)
-
-    save(8.0)
+    save_exr(path, smooth_sky())
     b_image = bpy.data.images.load(str(path))
     add_environment(b_image)
     before = environment()
     world.images.look_again()
     assert environment() == before
-    save(3.0)
+    save_exr(path, smooth_sky(3.0))
     b_image.reload()
     world.images.look_again()
     assert environment().image.pixels.max() < 0.5 * before.image.pixels.max()
 
 
 def test_packed_images_need_no_file(tmp_path: Path) -> None:
-    b_written = new_image(smooth_sky())
-    b_written.filepath_raw, b_written.file_format = str(tmp_path / "sky.exr"), "OPEN_EXR"
-    b_written.save()
+    save_exr(tmp_path / "sky.exr", smooth_sky())
     b_image = bpy.data.images.load(str(tmp_path / "sky.exr"))
     b_image.pack()
     (tmp_path / "sky.exr").unlink()

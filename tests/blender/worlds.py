@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -48,6 +49,17 @@ def set_light(b_image: Any, light: np.ndarray) -> None:
     rgba = np.concatenate([light[::-1], np.ones((*light.shape[:2], 1))], axis=2)
     b_image.pixels.foreach_set(rgba.astype(np.float32).reshape(-1))
     b_image.update()
+
+
+def save_exr(path: Path, light: np.ndarray) -> None:
+    """Writes (H, W, 3) scene-linear values with rows from the top."""
+    height, width = light.shape[:2]
+    b_image = bpy.data.images.new("writer", width, height, float_buffer=True)
+    b_image.colorspace_settings.name = "Linear Rec.709"
+    set_light(b_image, light)
+    b_image.filepath_raw, b_image.file_format = str(path), "OPEN_EXR"
+    b_image.save()
+    bpy.data.images.remove(b_image)
 
 
 def smooth_sky(brightest: float = 8.0, shape: tuple[int, int] = (64, 128)) -> np.ndarray:
