@@ -19,7 +19,7 @@ from stipple.engine.colour import scene_linear_from_display
 from stipple.engine.scene import Environment
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
-from .worlds import add_environment, add_world, new_image, save_exr, set_light, smooth_sky
+from .worlds import add_environment, add_world, load_linear, new_image, save_exr, set_light, smooth_sky
 
 pytestmark = pytest.mark.blender
 
@@ -158,7 +158,7 @@ def test_pixels_are_read_only_when_they_change() -> None:
 def test_a_file_that_was_saved_again_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "sky.exr"
     save_exr(path, smooth_sky())
-    b_image = bpy.data.images.load(str(path))
+    b_image = load_linear(path)
     add_environment(b_image)
     before = environment()
     world.images.look_again()
@@ -171,7 +171,7 @@ def test_a_file_that_was_saved_again_is_read_again(tmp_path: Path) -> None:
 
 def test_packed_images_need_no_file(tmp_path: Path) -> None:
     save_exr(tmp_path / "sky.exr", smooth_sky())
-    b_image = bpy.data.images.load(str(tmp_path / "sky.exr"))
+    b_image = load_linear(tmp_path / "sky.exr")
     b_image.pack()
     (tmp_path / "sky.exr").unlink()
     add_environment(b_image)

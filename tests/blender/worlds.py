@@ -55,11 +55,17 @@ def save_exr(path: Path, light: np.ndarray) -> None:
     """Writes (H, W, 3) scene-linear values with rows from the top."""
     height, width = light.shape[:2]
     b_image = bpy.data.images.new("writer", width, height, float_buffer=True)
-    b_image.colorspace_settings.name = "Linear Rec.709"
+    b_image.colorspace_settings.name = "Non-Color"  # as they are; 4.5 encodes linear ones while saving
     set_light(b_image, light)
     b_image.filepath_raw, b_image.file_format = str(path), "OPEN_EXR"
     b_image.save()
     bpy.data.images.remove(b_image)
+
+
+def load_linear(path: Path) -> Any:
+    b_image = bpy.data.images.load(str(path))
+    b_image.colorspace_settings.name = "Linear Rec.709"
+    return b_image
 
 
 def smooth_sky(brightest: float = 8.0, shape: tuple[int, int] = (64, 128)) -> np.ndarray:
