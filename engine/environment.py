@@ -19,7 +19,7 @@ import warp as wp
 from .buffers import Buffers, shortage
 from .camera import Camera
 from .device import free_bytes, launch
-from .errors import StippleError
+from .errors import DeviceError
 from .scene import Environment, EnvironmentImage
 
 wp.set_module_options({"enable_backward": False})
@@ -110,14 +110,14 @@ class DeviceEnvironment:
 def upload_environment(image: EnvironmentImage, device: wp.Device) -> DeviceEnvironment:
     """Copies the image to the device; on a CPU nothing is copied and it must outlive the result.
 
-    Raises StippleError where memory does not suffice.
+    Raises DeviceError where memory does not suffice.
     """
     flat = image.pixels.reshape(-1, 3)
     if not device.is_cuda:
         view = wp.array(ptr=flat.ctypes.data, dtype=wp.vec3, shape=(len(flat),), device=device, capacity=flat.nbytes)
         return DeviceEnvironment(view)
     if flat.nbytes > free_bytes(device):
-        raise StippleError(shortage(device, flat.nbytes, image.name, free_bytes(device)))
+        raise DeviceError(shortage(device, flat.nbytes, image.name, free_bytes(device)))
     return DeviceEnvironment(wp.from_numpy(flat, dtype=wp.vec3, device=device))
 
 

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from .buffers import Buffers
+from .buffers import Buffers, allocation_limits
 from .camera import Camera
 from .cloud_upload import DeviceSource, Progress, upload_any
 from .device import choose_device
@@ -79,7 +79,7 @@ class Renderer:
         raster_host: Callable[[], RasterHost] = ModernGLDevice,
     ) -> None:
         self.device = choose_device(device)
-        self.buffers = Buffers(self.device)
+        self.buffers = Buffers(self.device, allocation_limits.get(device))
         self._synchronise_stages = synchronise_stages
         self._raster_host = raster_host
         self._raster: RasterScene | None = None
@@ -91,7 +91,8 @@ class Renderer:
     def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
         """All samples of one picture.
 
-        Raises StippleError for what the user can mend (memory, mostly) and lets `Cancelled` through.
+        Raises StippleError for what the user can mend, DeviceError among them where another device may help, and lets
+        `Cancelled` through. A device that fails while it works raises Warp's RuntimeError.
         """
         frame = Frame(self, scene, camera, settings, progress)
         for sample in range(frame.sample_count):

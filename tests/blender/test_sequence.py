@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
 from collections.abc import Iterator
@@ -14,15 +13,14 @@ import bpy
 import numpy as np
 import pytest
 
-from stipple.addon import residency, sync
+from stipple.addon import residency
 from stipple.addon.residency import CloudCache, EvaluatedClouds
 from stipple.addon.sequence import SequencePlayer
-from stipple.addon.sequence_cache import THREAD_NAME, SequenceClouds
+from stipple.addon.sequence_cache import THREAD_NAME
 from stipple.addon.sequence_panel import texts_of
 from stipple.addon.splat_data import splat_count_of
 from stipple.engine.errors import StippleError
 from stipple.engine.formats import read_splats
-from stipple.engine.scene import Scene
 
 from .captures import (
     add_camera,
@@ -34,18 +32,14 @@ from .captures import (
     use_stipple,
     write_ply,
 )
+from .numbered import COUNTS, counts, import_sequence, shown, write_numbered
 
 pytestmark = pytest.mark.blender
-COUNTS = {1: 30, 2: 50, 3: 40, 5: 20}  # splats by number; 4 is missing
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    files = tmp_path / "walk"
-    files.mkdir()
-    for number, count in COUNTS.items():
-        write_ply(files / f"walk.{number:04d}.ply", random_cloud(count, 1, seed=number, size=0.15))
-    return files
+    return write_numbered(tmp_path)
 
 
 @pytest.fixture(autouse=True)
@@ -53,22 +47,6 @@ def no_thread_is_left() -> Iterator[None]:
     yield
     residency.free()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith(THREAD_NAME)]
-
-
-def import_sequence(folder: Path, number: int = 1) -> Any:
-    bpy.ops.import_scene.splats(filepath=str(folder / f"walk.{number:04d}.ply"), sequence=True)
-    b_object = bpy.context.view_layer.objects.active
-    b_object.rotation_euler = (0, 0, 0)
-    return b_object
-
-
-def shown(frame: int, subframe: float = 0.0) -> tuple[Scene, tuple[str, ...]]:
-    bpy.context.scene.frame_set(frame, subframe=subframe)
-    return sync.scene_from_depsgraph(bpy.context.evaluated_depsgraph_get(), CloudCache())
-
-
-def counts(*frames: int) -> list[int]:
-    return [shown(frame)[0].splat_count for frame in frames]
 
 
 def test_import_makes_one_object_that_plays(folder: Path) -> None:
@@ -225,66 +203,6 @@ def test_renders_of_frames_are_those_of_the_files(folder: Path, tmp_path: Path, 
         bpy.data.objects.remove(b_still)
 
 
-def test_relative_paths_follow_the_file(folder: Path, tmp_path: Path) -> None:
-    blend = tmp_path / "scene.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    import_sequence(folder)
-    assert bpy.context.view_layer.objects.active.stipple_sequence.filepath == "//walk/walk.0001.ply"
-    bpy.ops.wm.save_mainfile()
-    moved = tmp_path / "moved"
-    moved.mkdir()
-    shutil.move(str(folder), str(moved / "walk"))
-    shutil.move(str(blend), str(moved / "scene.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(moved / "scene.blend"))
-    assert counts(1, 2, 3) == [30, 50, 40]
-
-
-def test_saving_elsewhere_keeps_the_sequence_and_a_copy_moves_nothing(folder: Path, tmp_path: Path) -> None:
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    b_sequence = import_sequence(folder).stipple_sequence
-    for name in ("copies", "deep/er"):
-        (tmp_path / name).mkdir(parents=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "copies" / "copy.blend"), copy=True)
-    assert b_sequence.filepath == "//walk/walk.0001.ply" and counts(2) == [50]
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "deep" / "er" / "scene.blend"))
-    assert b_sequence.filepath == "//../../walk/walk.0001.ply"
-    for blend in ("copies/copy.blend", "deep/er/scene.blend"):
-        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / blend))
-        assert counts(1, 2) == [30, 50]
-
-
-def test_a_linked_object_plays_beside_its_own_file(folder: Path, tmp_path: Path) -> None:
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "asset.blend"))
-    name = import_sequence(folder).name
-    bpy.ops.wm.save_mainfile()
-    (tmp_path / "shots").mkdir()
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shots" / "shot.blend"))
-    with bpy.data.libraries.load(str(tmp_path / "asset.blend"), link=True) as (_, wanted):
-        wanted.objects = [name]
-    bpy.context.scene.collection.objects.link(wanted.objects[0])
-    assert counts(1, 2) == [30, 50]
-
-
-@pytest.mark.parametrize(
-    ("filepath", "sentence"),
-    [
-        ("", "walk.0001: the sequence has no file; choose one in Object properties > Splat Sequence"),
-        ("//walk.1.ply", "relative to a file that was never saved"),
-        ("/nowhere/walk.1.ply", "the folder of the sequence cannot be read"),
-    ],
-)
-def test_what_is_wrong_with_the_file_is_said(folder: Path, tmp_path: Path, filepath: str, sentence: str) -> None:
-    use_stipple()
-    add_camera()
-    b_object = import_sequence(folder)
-    b_object.stipple_sequence.filepath = filepath
-    with pytest.raises(RuntimeError, match=sentence):
-        render(tmp_path / "failed.png")
-    assert not list(tmp_path.glob("failed*"))
-    assert sentence in texts_of(b_object, 1)[0]
-
-
 def test_a_damaged_file_stops_with_its_name_and_can_be_replaced(folder: Path) -> None:
     import_sequence(folder)
     good = (folder / "walk.0002.ply").read_bytes()
@@ -313,57 +231,3 @@ def test_the_next_files_are_read_ahead(folder: Path) -> None:
     read_ahead = {key[0].name: future.result(30).cloud for key, future in futures.items()}
     scene, _ = shown(2)
     assert scene.instances[0].cloud is read_ahead["walk.0002.ply"]
-
-
-def test_memory_is_bounded(folder: Path) -> None:
-    clouds = SequenceClouds()
-    paths = sorted(folder.glob("walk.*.ply"))
-    sizes = [read_splats(path).cloud.nbytes for path in paths]
-    for limit, hoard, kept in ((1 << 30, True, 4), (1 << 30, False, 1), (0, True, 1), (sum(sizes[-2:]), True, 2)):
-        for path in paths:
-            with clouds.reading(limit, hoard=hoard):
-                clouds.cloud_of(path)
-        assert len(clouds) == kept, limit
-        assert clouds.held_bytes == sum(sizes[-kept:])
-    with clouds.reading(sizes[0] + 1):
-        clouds.cloud_of(paths[0])
-        clouds.expect(paths[1])  # for which there is no room
-    assert len(clouds) == 1
-    clouds.free()
-    assert len(clouds) == 0
-
-
-def test_view_layers_keep_what_each_of_them_shows(folder: Path) -> None:
-    clouds = SequenceClouds()
-    one, two = sorted(folder.glob("walk.*.ply"))[:2]
-    for path in (one, two):
-        with clouds.reading(1 << 30, keep=2, hoard=False):
-            clouds.cloud_of(path)
-    assert len(clouds) == 2
-    clouds.free()
-
-
-def test_many_threads_may_ask_at_once(folder: Path) -> None:
-    clouds = SequenceClouds()
-    paths, seen, failed = sorted(folder.glob("walk.*.ply")), set(), []
-
-    def ask(seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        try:
-            for index in rng.integers(0, len(paths), 60):
-                with clouds.reading(1 << 30):
-                    clouds.expect(paths[rng.integers(0, len(paths))])
-                    loaded = clouds.cloud_of(paths[index], rng.choice([None, 0.0, 5.0]))
-                    if loaded is not None:
-                        seen.add((int(index), loaded.cloud.splat_count))
-        except BaseException as error:
-            failed.append(error)
-
-    threads = [threading.Thread(target=ask, args=(seed,)) for seed in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-    assert not failed and not any(thread.is_alive() for thread in threads)
-    assert seen == {(0, 30), (1, 50), (2, 40), (3, 20)}
-    clouds.free()
