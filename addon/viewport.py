@@ -237,10 +237,10 @@ class ViewportSession:
 
     def _show(self, aim: Aim, frame: Frame, divider: int, seconds: float, limit: int) -> None:
         picture = frame.resolve()
-        light = scene_linear_from_display(picture.rgba, aim.working_space)
+        light = scene_linear_from_display(picture.rgba[::-1], aim.working_space)
         self.message = ""
         self.picture = ShownPicture(
-            rgba=np.ascontiguousarray(light[::-1], np.float32),
+            rgba=np.ascontiguousarray(light, np.float32),
             place=_place(aim.view, divider),
             divider=divider,
             samples=picture.samples,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -191,10 +192,11 @@ def test_renders_of_frames_are_those_of_the_files(folder: Path, tmp_path: Path, 
     b_object = import_sequence(folder)
     b_scene.frame_start, b_scene.frame_end = 1, 3
     b_scene.render.image_settings.file_format = "PNG"
-    b_scene.render.filepath = str(tmp_path / "out" / "")
+    b_scene.render.filepath = str(tmp_path / "out") + os.sep
     bpy.ops.render.render(animation=True)
     animated = [pixels_of(path) for path in sorted((tmp_path / "out").glob("*.png"))]
     bpy.data.objects.remove(b_object)
+    assert len(animated) == 3
     for number, frame in enumerate(animated, 1):
         b_still = add_capture(read_splats(folder / f"walk.{number:04d}.ply").cloud)
         b_scene.frame_set(number)
