@@ -59,8 +59,11 @@ def linear_from_srgb(encoded: Array) -> Array:
     f(−x) = −f(x): the map stays one-to-one and the round trip exact. (IEC 61966-2-1 defines 0 … 1 only.)
     """
     size = np.abs(encoded)
-    curve = _to_the_2_4((size + 0.055) / 1.055)
-    return np.copysign(np.where(size <= ENCODED_KNEE, size / 12.92, curve), encoded)
+    with np.errstate(under="ignore"):
+        line = size / 12.92
+    curve = np.asarray(_to_the_2_4((size + 0.055) / 1.055))
+    np.copyto(curve, line, where=size <= ENCODED_KNEE)
+    return np.copysign(curve, encoded, out=curve)
 
 
 def srgb_from_linear(linear: Array) -> Array:
@@ -101,12 +104,11 @@ def scene_linear_from_display(rgba: Array, working_space: str = "Rec.709") -> Ar
     matrix = working_space_from_rec709(working_space)
 
     def convert(block: Array) -> Array:
-        straight = straight_from_premultiplied(block)
-        light = linear_from_srgb(straight[..., :3])
+        light = linear_from_srgb(straight_from_premultiplied(block))  # alpha too: what is contiguous is faster
         if working_space != "Rec.709":
-            light = light @ matrix.T.astype(rgba.dtype)
-        straight[..., :3] = light
-        return premultiplied_from_straight(straight)
+            light[..., :3] = light[..., :3] @ matrix.T.astype(rgba.dtype)
+        light[..., 3] = block[..., 3]
+        return premultiplied_from_straight(light)
 
     return _by_rows(convert, rgba)
 
@@ -167,7 +169,12 @@ def _to_the_2_4(positive: Array) -> Array:
     """
     if positive.dtype != np.float32:
         return positive**2.4
-    return positive * positive * np.exp(np.float32(0.4) * np.log(positive))
+    power = np.log(positive)
+    power *= np.float32(0.4)
+    np.exp(power, out=power)
+    power *= positive
+    power *= positive
+    return power
 
 
 def _by_rows(convert: Callable[[Array], Array], rgba: Array) -> Array:
