@@ -13,7 +13,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 
 from ...engine.errors import StippleError
-from ...engine.formats.sequence import NumberedFiles, find_numbered, is_numbered
+from ...engine.formats.sequence import NumberedFiles, find_numbered, is_numbered, name_of_sequence
 from ..sequence_paths import stored_path
 from ..splat_data import SOURCE_PROPERTY, datablock_from_cloud
 
@@ -117,7 +117,7 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         loaded = read_splats(path)
         b_data = datablock_from_cloud(loaded.cloud, path.stem)
         b_data[SOURCE_PROPERTY] = str(path)
-        b_object = bpy.data.objects.new(path.stem, b_data)
+        b_object = bpy.data.objects.new(path.stem if files is None else name_of_sequence(path), b_data)
         if files is not None:
             b_sequence = b_object.stipple_sequence
             b_sequence.filepath, b_sequence.frame_start = stored_path(path), context.scene.frame_start

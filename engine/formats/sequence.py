@@ -19,6 +19,7 @@ from ..errors import StippleError
 from .splat_format import AnyPath
 
 NUMBER = re.compile(r"(?P<before>.*?)(?P<digits>\d+)(?P<after>\D*)", re.DOTALL)
+SEPARATORS = "._- "
 ROUNDING = 1e-6  # [files] by which a product of frames and speed may fall short of a whole number
 
 
@@ -80,6 +81,13 @@ def find_numbered(path: AnyPath) -> NumberedFiles:
     if not paths:
         raise StippleError(f"{path}: no file of the sequence is there; choose one of its files again.")
     return NumberedFiles(paths)
+
+
+def name_of_sequence(path: AnyPath) -> str:
+    """The name of a file without its number and what separates it: `walk` for `walk.0001.ply`."""
+    match = NUMBER.fullmatch(Path(path).stem)
+    name = f"{match['before'].rstrip(SEPARATORS)}{match['after']}" if match else ""
+    return name.strip(SEPARATORS) or Path(path).stem
 
 
 def is_numbered(path: AnyPath) -> bool:

@@ -68,7 +68,7 @@ def test_a_selection_of_numbered_files_is_one_sequence(folder: Path) -> None:
     write_ply(folder / "talk7.ply", random_cloud(9))
     files = [{"name": path.name} for path in sorted(folder.glob("*.ply"))]
     bpy.ops.import_scene.splats(files=files, directory=str(folder), sequence=True)
-    assert sorted(b_object.name for b_object in bpy.data.objects) == ["talk7", "walk.0001"]
+    assert sorted(b_object.name for b_object in bpy.data.objects) == ["talk", "walk"]
     bpy.ops.import_scene.splats(files=files, directory=str(folder))
     assert len(bpy.data.objects) == 2 + len(files)
 
@@ -84,7 +84,7 @@ def test_a_missing_number_holds_the_one_before_and_says_so(folder: Path) -> None
     import_sequence(folder)
     scene, warnings = shown(4)
     assert scene.splat_count == COUNTS[3]
-    assert warnings == ("walk.0001: number 4 of the sequence is missing; walk.0003.ply is held.",)
+    assert warnings == ("walk: number 4 of the sequence is missing; walk.0003.ply is held.",)
     assert shown(5)[1] == ()
 
 
@@ -179,7 +179,7 @@ def test_a_late_file_leaves_the_one_before_and_arrives(folder: Path, monkeypatch
     residency.sequences.free()
     b_scene.frame_set(2)
     assert viewport_counts(player) == [30]
-    assert player.warnings == ("walk.0001: reading walk.0002.ply",) and not player.is_stale(b_scene)
+    assert player.warnings == ("walk: reading walk.0002.ply",) and not player.is_stale(b_scene)
     gate.set()
     assert arrived.wait(30) and player.is_stale(b_scene)
     assert viewport_counts(player) == [50] and player.warnings == ()

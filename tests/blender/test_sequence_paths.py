@@ -66,7 +66,7 @@ def test_a_linked_object_plays_beside_its_own_file(folder: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("filepath", "sentence"),
     [
-        ("", "walk.0001: the sequence has no file; choose one in Object properties > Splat Sequence"),
+        ("", "walk: the sequence has no file; choose one in Object properties > Splat Sequence"),
         ("//walk.1.ply", "relative to a file that was never saved"),
         ("/nowhere/walk.1.ply", "the folder of the sequence cannot be read"),
     ],

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from stipple.engine.errors import StippleError
-from stipple.engine.formats.sequence import Playback, find_numbered, is_numbered
+from stipple.engine.formats.sequence import Playback, find_numbered, is_numbered, name_of_sequence
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -84,3 +84,17 @@ def test_rounding_leaves_no_file_out() -> None:
 def test_frames_may_be_fractional() -> None:
     play = Playback(start=1.0, speed=2.0)
     assert [play.place(frame, 9) for frame in (1.0, 1.49, 1.5, 2.25, 2.5)] == [0, 0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("walk.0001.ply", "walk"),
+        ("take2_05.ply", "take2"),
+        ("12.ply", "12"),
+        ("f7_b.ply", "f_b"),
+        ("koala.ply", "koala"),
+    ],
+)
+def test_a_sequence_has_a_name_without_its_number(file: str, name: str) -> None:
+    assert name_of_sequence(file) == name
