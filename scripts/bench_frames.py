@@ -110,7 +110,7 @@ def render(options: argparse.Namespace, folder: Path) -> list[dict[str, float]]:
     b_scene.render.image_settings.file_format = options.format
     b_scene.render.filepath = str(folder / "frame") + os.sep
     b_scene.stipple.method, b_scene.stipple.samples = options.method, options.samples
-    b_scene.stipple.device = options.device
+    b_scene.stipple.device, b_scene.stipple.supersampling = options.device, options.supersampling
     clock = Clock()
     bpy.ops.render.render(animation=True)
     return clock.frames
@@ -144,6 +144,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--size", type=lambda text: tuple(map(int, text.split("x"))), default=(1920, 1080))
     parser.add_argument("--method", choices=("SORTED", "POINTS"), default="SORTED")
     parser.add_argument("--samples", type=int, default=16)
+    parser.add_argument("--supersampling", type=int, default=1)
     parser.add_argument("--device", choices=("AUTO", "CPU", "CUDA"), default="AUTO")
     parser.add_argument("--format", choices=("PNG", "OPEN_EXR", "JPEG"), default="PNG")
     parser.add_argument("--json", type=Path, metavar="FILE")
