@@ -50,7 +50,9 @@ def evening() -> Environment:
     ground = np.array([0.09, 0.07, 0.06]) * np.exp(np.minimum(elevation, 0) * 2)
     light = np.where(elevation > 0, sky, ground) + 0 * azimuth
     away = np.hypot(azimuth + 0.2, elevation - 0.12)  # of the sun [rad], near enough
-    light = light + np.array([1.0, 0.6, 0.3]) * (1.2 * np.exp(-away / 0.22) + 60.0 * np.clip((0.027 - away) / 0.004, 0, 1))
+    light = light + np.array([1.0, 0.6, 0.3]) * (
+        1.2 * np.exp(-away / 0.22) + 60.0 * np.clip((0.027 - away) / 0.004, 0, 1)
+    )
     pixels = np.ascontiguousarray(light, np.float32)
     return Environment(EnvironmentImage(pixels), ((0, 0, 1, 0), (-1, 0, 0, 0), (0, -1, 0, 0)))
 
