@@ -10,11 +10,22 @@ import atexit
 
 import bpy
 
-from . import graphics_context, properties, render_engine, residency, ui
+from . import (
+    graphics_context,
+    properties,
+    render_engine,
+    residency,
+    sequence,
+    sequence_panel,
+    sequence_paths,
+    ui,
+)
 from .operators import apply_transform, import_cameras, import_splats
 
 PARTS = (  # in order; undone in reverse
     properties,
+    sequence,
+    sequence_paths,
     residency,
     graphics_context,
     import_splats,
@@ -22,6 +33,7 @@ PARTS = (  # in order; undone in reverse
     apply_transform,
     render_engine,
     ui,
+    sequence_panel,
 )
 
 

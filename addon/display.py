@@ -14,6 +14,8 @@ import numpy as np
 
 from .viewport import ShownPicture
 
+LARGEST_HALF = np.float32(65504)
+
 
 class Display:
     """The texture of one viewport; used only in Blender's draw callbacks, where its GPU context is current."""
@@ -52,7 +54,8 @@ class Display:
 
 def _texture(picture: ShownPicture) -> Any:
     height, width = picture.rgba.shape[:2]
-    values = gpu.types.Buffer("FLOAT", picture.rgba.size, np.ascontiguousarray(picture.rgba).reshape(-1))
+    light = np.minimum(picture.rgba, LARGEST_HALF)  # a brighter sky would be infinite there
+    values = gpu.types.Buffer("FLOAT", light.size, light.reshape(-1))
     b_texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=values)
     if hasattr(b_texture, "filter_mode"):
         b_texture.filter_mode(picture.divider > 1)

@@ -33,11 +33,12 @@ def write_picture(b_engine: Any, picture: Picture, layer: str, view: str, workin
     result = b_engine.begin_result(0, 0, width, height, layer=layer, view=view)
     try:
         b_passes = result.layers[0].passes
-        combined = scene_linear_from_display(picture.rgba, working_space)
+        combined = scene_linear_from_display(picture.rgba[::-1], working_space)
         _fill(b_passes.find_by_name(COMBINED, view), combined)
         b_depth = b_passes.find_by_name(DEPTH, view)
         if b_depth is not None:
-            _fill(b_depth, np.where(np.isfinite(picture.depth), picture.depth, np.float32(DEPTH_OF_NOTHING)))
+            depth = picture.depth[::-1]
+            _fill(b_depth, np.where(np.isfinite(depth), depth, np.float32(DEPTH_OF_NOTHING)))
     except BaseException:
         b_engine.end_result(result, cancel=True)
         raise
@@ -54,4 +55,4 @@ def view_names(b_engine: Any, layer: str) -> list[str]:
 
 def _fill(b_pass: Any, values: np.ndarray) -> None:
     # foreach_set takes milliseconds where assigning `rect` takes seconds.
-    b_pass.rect.foreach_set(np.ascontiguousarray(values[::-1], dtype=np.float32).reshape(-1))
+    b_pass.rect.foreach_set(np.ascontiguousarray(values, dtype=np.float32).reshape(-1))

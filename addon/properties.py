@@ -82,6 +82,14 @@ class StippleSceneSettings(bpy.types.PropertyGroup):
     device: EnumProperty(  # type: ignore[valid-type]
         name="Device", description="Hardware that renders", items=DEVICES, default="AUTO"
     )
+    sequence_memory: IntProperty(  # type: ignore[valid-type]
+        name="Sequence Memory",
+        description="Memory for files of sequences that are not shown at the moment, read ahead or kept [MiB]",
+        default=2048,
+        min=0,
+        soft_max=65536,
+        max=1 << 24,
+    )
     sh_degree: IntProperty(  # type: ignore[valid-type]
         name="SH Degree",
         description="Highest degree of the view-dependent color; 4 uses everything a capture has, 0 no view dependence",

@@ -21,6 +21,7 @@ from ..engine.settings import Settings
 from . import output, residency, sync
 from .camera import camera_from_blender
 from .viewport_draw import Viewport
+from .world import working_space
 
 if TYPE_CHECKING:
     from ..engine.film import Picture
@@ -111,17 +112,22 @@ def render_view_layer(b_engine: Any, depsgraph: Any) -> None:
     if not scene.instances:
         warnings += (f"No capture is visible in the view layer {layer!r}; the frame shows the background only.",)
     begin = Progress(b_engine, 0.0, 0.0)
-    with residency.worker.final_render(lambda: begin(0.0, "waiting for the viewport")):
-        residency.prepare(settings.device, settings.method, begin)
-        renderer = residency.renderer_for(settings.device)
+    said = list(warnings)
+
+    def render_views(device: str) -> None:
+        residency.prepare(device, settings.method, begin)
+        renderer = residency.renderer_for(device)
         for index, (view, camera) in enumerate(cameras.items()):
             progress = Progress(b_engine, index / len(cameras), 1 / len(cameras))
             for picture in _pictures(renderer, scene, camera, settings, progress):
-                output.write_picture(b_engine, picture, layer, view, sync.working_space())
-                warnings += picture.stats.warnings
+                output.write_picture(b_engine, picture, layer, view, working_space())
+                said.extend(picture.stats.warnings)
                 peak_mib = picture.stats.peak_bytes / 2**20
                 b_engine.update_memory_stats(memory_used=peak_mib, memory_peak=peak_mib)
-    for warning in dict.fromkeys(warnings):
+
+    with residency.worker.final_render(lambda: begin(0.0, "waiting for the viewport")):
+        residency.on_a_device(settings.device, render_views, said.append)
+    for warning in dict.fromkeys(said):
         b_engine.report({"WARNING"}, warning)
 
 

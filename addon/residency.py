@@ -7,6 +7,7 @@ is loaded and when the add-on is disabled.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -16,7 +17,10 @@ from weakref import WeakValueDictionary
 import bpy
 from bpy.app.handlers import persistent
 
+from ..engine.errors import DeviceError
 from ..engine.splats import SplatCloud
+from . import world
+from .sequence_cache import SequenceClouds
 from .splat_data import CloudKey, cloud_from_datablock, key_of, splat_count_of
 from .viewport_worker import ViewportWorker
 
@@ -111,8 +115,11 @@ class EvaluatedClouds:
 
 
 clouds = CloudCache()
+sequences = SequenceClouds()
 _renderers: dict[str, Renderer] = {}  # of final renders, by device; at most one
 _prepared: set[tuple[str, str]] = set()
+_failed: dict[str, str] = {}  # devices, and why
+log = logging.getLogger(__package__)
 
 
 def prepare(device: str, method: str, progress: Callable[[float, str], None]) -> None:
@@ -132,6 +139,32 @@ def prepare(device: str, method: str, progress: Callable[[float, str], None]) ->
 
 
 worker = ViewportWorker(prepare)
+
+
+def on_a_device(device: str, work: Callable[[str], None], warn: Callable[[str], None]) -> None:
+    """Does the work on a device, or all of it on the CPU where the device is full, missing or fails; `warn` says so.
+
+    A device that failed at work is not asked again before `free`: what it holds is lost, and CUDA does not recover
+    within a process. A full one is, for memory may have become free. Raises what the work raises on the CPU.
+    """
+    from ..engine.device import is_cpu
+
+    reason = _failed.get(device, "")
+    if not reason:
+        try:
+            work(device)
+            return
+        except (DeviceError, RuntimeError) as error:
+            if is_cpu(device):
+                raise
+            if isinstance(error, DeviceError):
+                reason = str(error)
+            else:
+                log.exception("%s failed", device)
+                reason = _failed[device] = f"{device} failed ({error}); restart Blender to use it again."
+    free_renderer()
+    warn(f"{reason} The CPU renders instead.")
+    work("cpu")
 
 
 def renderer_for(device: str) -> Renderer:
@@ -162,6 +195,9 @@ def free() -> None:
     worker.stop()
     free_renderer()
     clouds.free()
+    sequences.free()
+    world.images.free()
+    _failed.clear()
     if _prepared:  # else Warp was never imported
         from ..engine.device import close_pools
 

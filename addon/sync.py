@@ -7,12 +7,11 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
-import bpy
 import numpy as np
 
-from ..engine.colour import display_from_scene_linear
 from ..engine.scene import Instance, Scene
 from ..engine.settings import Settings
+from . import residency, sequence, world
 from .residency import CloudCache, Entry, EvaluatedClouds
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
@@ -28,15 +27,25 @@ def scene_from_depsgraph(depsgraph: Any, cache: CloudCache) -> tuple[Scene, tupl
     Visibility*) and instances squashed to nothing are skipped. Raises StippleError for a capture with broken
     attributes.
     """
-    with cache.reading(keep=sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1):
-        instances, warnings = _instances(
-            depsgraph, lambda b_instance, b_object: cache.cloud_of(b_object.data, b_object.name)
-        )
-    return Scene(instances, background_of(depsgraph.scene)), warnings
+    player = sequence.SequencePlayer(residency.sequences)
+
+    def cloud_of(b_instance: Any, b_object: Any) -> Entry:
+        return player.cloud_of(b_object) if sequence.plays(b_object) else cache.cloud_of(b_object.data, b_object.name)
+
+    keep = sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1
+    with cache.reading(keep), player.reading(depsgraph.scene, keep):
+        instances, warnings = _instances(depsgraph, cloud_of)
+    world.images.look_again()
+    background, notice = world.background_of(depsgraph.scene)
+    return Scene(instances, background), (*warnings, *player.warnings, *([notice] if notice else []))
 
 
 def viewport_instances(
-    depsgraph: Any, b_space: Any, known: EvaluatedClouds, changed: Collection[int]
+    depsgraph: Any,
+    b_space: Any,
+    known: EvaluatedClouds,
+    player: sequence.SequencePlayer,
+    changed: Collection[int],
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """As `scene_from_depsgraph` for what one viewport shows: local view and the viewport's object types count.
 
@@ -47,11 +56,14 @@ def viewport_instances(
         b_shown = b_instance.parent if b_instance.is_instance else b_object
         if not b_shown.visible_in_viewport_get(b_space):
             return None, 0
+        if sequence.plays(b_object):
+            return player.cloud_of(b_object)
         uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
         return known.cloud_of(b_object.data, b_object.name, uids)
 
-    with known.reading(changed):
-        return _instances(depsgraph, cloud_of)
+    with known.reading(changed), player.reading(depsgraph.scene):
+        instances, warnings = _instances(depsgraph, cloud_of)
+    return instances, (*warnings, *player.warnings)
 
 
 def changed_geometry(depsgraph: Any) -> set[int]:
@@ -101,49 +113,7 @@ def viewport_settings(b_scene: Any) -> Settings:
     return replace(settings_from_scene(b_scene), samples=b_scene.stipple.viewport_samples)
 
 
-def background_of(b_scene: Any) -> tuple[float, float, float] | None:
-    """The world's colour, sRGB-encoded as the engine blends; None with *Film > Transparent*.
-
-    Takes color × strength of the Background node at the world output (the one World properties show); what is
-    linked to those two sockets is not evaluated, their own values count. A world without that node gives its viewport
-    color, no world gives black.
-    """
-    if b_scene.render.film_transparent:
-        return None
-    linear = np.ones((1, 4))
-    linear[0, :3] = _world_colour(b_scene.world)
-    red, green, blue, _ = display_from_scene_linear(linear, working_space())[0]
-    return float(red), float(green), float(blue)
-
-
-def working_space() -> str:
-    """The scene-linear space of the open file, as engine.colour names it; before Blender 5 always Rec.709."""
-    b_colour = getattr(bpy.data, "colorspace", None)
-    return str(b_colour.working_space).removeprefix("Linear ") if b_colour else "Rec.709"
-
-
 def _is_visible_capture(b_instance: Any, b_object: Any) -> bool:
     if not b_instance.show_self or b_object.type not in POINT_TYPES or not b_object.visible_camera:
         return False
     return is_capture(b_object.data) and splat_count_of(b_object.data) > 0
-
-
-def _world_colour(b_world: Any) -> tuple[float, float, float]:
-    if b_world is None:
-        return 0.0, 0.0, 0.0
-    b_node = _background_node(b_world)
-    if b_node is None:
-        return tuple(b_world.color)
-    strength = b_node.inputs["Strength"].default_value
-    red, green, blue, _ = b_node.inputs["Color"].default_value
-    return red * strength, green * strength, blue * strength
-
-
-def _background_node(b_world: Any) -> Any:
-    uses_nodes = bpy.app.version >= (5, 0, 0) or b_world.use_nodes  # from 5.0 on always, and asking is deprecated
-    b_tree = b_world.node_tree if uses_nodes else None
-    b_output = b_tree.get_output_node("EEVEE") if b_tree else None
-    if b_output is None or not b_output.inputs["Surface"].is_linked:
-        return None
-    b_node = b_output.inputs["Surface"].links[0].from_node
-    return b_node if b_node.type == "BACKGROUND" else None

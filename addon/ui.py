@@ -86,6 +86,7 @@ class RENDER_PT_stipple_performance(StipplePanel, bpy.types.Panel):
         column.prop(b_stipple, "storage")
         if b_stipple.method == "POINTS":
             column.prop(b_stipple, "points_per_thread")
+        column.prop(b_stipple, "sequence_memory")
 
 
 class VIEWLAYER_PT_stipple_passes(StipplePanel, bpy.types.Panel):

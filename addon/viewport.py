@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.colour import scene_linear_from_display
-from ..engine.errors import Cancelled, StippleError
+from ..engine.errors import Cancelled, DeviceError, StippleError
 from ..engine.scene import Scene
 from ..engine.settings import Settings
 from .view_camera import Rect, ViewportView
@@ -69,6 +69,7 @@ class ViewportSession:
         self.aim: Aim | None = None
         self.picture: ShownPicture | None = None
         self.message = ""
+        self.notice = ""  # shown beside the figures
         self.closed = False
         self.divider = COARSEST  # adapts to the machine and the scene
         self._redraw: Callable[[], None] | None = redraw
@@ -116,7 +117,8 @@ class ViewportSession:
             return self.message
         size = "" if picture.divider == 1 else f" | 1/{picture.divider} size"
         samples = f"Sample {picture.samples}/{picture.sample_limit}{size}"
-        return f"{samples} | {picture.splats_visible:,} splats | {picture.seconds * 1000:.0f} ms"
+        notice = f" | {self.notice}" if self.notice else ""
+        return f"{samples} | {picture.splats_visible:,} splats | {picture.seconds * 1000:.0f} ms{notice}"
 
     # The worker's thread
 
@@ -163,6 +165,9 @@ class ViewportSession:
                 self._add_sample(aim, renderer, progress)
         except Cancelled:
             self._frame = None
+        except DeviceError:
+            self._frame = None  # the worker may have another device
+            raise
         except StippleError as error:
             self.fail(aim, str(error))
         except MemoryError:
@@ -232,10 +237,10 @@ class ViewportSession:
 
     def _show(self, aim: Aim, frame: Frame, divider: int, seconds: float, limit: int) -> None:
         picture = frame.resolve()
-        light = scene_linear_from_display(picture.rgba, aim.working_space)
+        light = scene_linear_from_display(picture.rgba[::-1], aim.working_space)
         self.message = ""
         self.picture = ShownPicture(
-            rgba=np.ascontiguousarray(light[::-1], np.float32),
+            rgba=np.ascontiguousarray(light, np.float32),
             place=_place(aim.view, divider),
             divider=divider,
             samples=picture.samples,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
-from . import residency, sync
+from . import residency, sync, world
+from .sequence import SequencePlayer
 from .view_camera import view_of
 from .viewport import Aim, ViewportSession
 from .viewport_rays import RaysViewportSession
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from ..engine.renderer import Renderer
 
 SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
+PATIENCE = 0.1  # [s] a redraw waits for a file of a sequence; then the one before stays until it is there
 
 
 class Viewport:
@@ -37,25 +39,28 @@ class Viewport:
         self._raster: Renderer | None = None  # of *rays*
         self._display = Display()
         self._known = residency.EvaluatedClouds(residency.clouds)
+        self._player = SequencePlayer(residency.sequences, PATIENCE, redraw)
         self._instances: tuple[Instance, ...] = ()
         self._scene = Scene(())
         self._visibility: tuple[object, ...] | None = None
         self._notice = ""  # about what was read: a problem, or what is left out
+        self._world_notice = ""
         residency.worker.add(self.session)
 
     def update(self, context: Any, depsgraph: Any) -> None:
         """Reads the scene again after a change; captures that did not change are kept."""
+        world.images.look_again()
         self._read(context, depsgraph, sync.changed_geometry(depsgraph))
 
     def draw(self, b_engine: Any, context: Any, depsgraph: Any) -> None:
         """Draws the newest picture and sees whether it is still of what the viewport looks at."""
         b_space, b_scene = context.space_data, depsgraph.scene
-        if self._visibility != _visibility(b_space):
+        if self._visibility != _visibility(b_space) or self._player.is_stale(b_scene):
             self._read(context, depsgraph, ())
         self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
         self._render_rays()
-        texts = (problem or self.session.status(), self._notice)
+        texts = (problem or self.session.status(), self._notice, self._world_notice)
         b_engine.update_stats("Stipple", " | ".join(text for text in texts if text))
         picture = self.session.take()
         if picture is not None:
@@ -89,7 +94,9 @@ class Viewport:
     def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
         self._visibility = _visibility(context.space_data)
         try:
-            self._instances, warnings = sync.viewport_instances(depsgraph, context.space_data, self._known, changed)
+            self._instances, warnings = sync.viewport_instances(
+                depsgraph, context.space_data, self._known, self._player, changed
+            )
             self._notice = warnings[0] if warnings else ""
         except StippleError as error:
             self._instances, self._notice = (), str(error)
@@ -99,15 +106,17 @@ class Viewport:
 
     def _aim(self, context: Any, b_scene: Any) -> str:
         """Tells the session what to show; returns what is wrong with the view or the settings, mostly nothing."""
-        background = sync.background_of(b_scene)
-        if background != self._scene.background:
-            self._scene = Scene(self._instances, background)
         try:
+            background, self._world_notice = world.background_of(b_scene)
+            if background != self._scene.background:
+                self._scene = Scene(self._instances, background)
             view = view_of(context, b_scene)
-            aim = Aim(self._scene, view, sync.viewport_settings(b_scene), sync.working_space())
+            aim = Aim(self._scene, view, sync.viewport_settings(b_scene), world.working_space())
             view.camera()  # raises for a view that has no picture
         except StippleError as error:
             return str(error)
+        except MemoryError:
+            return "Stipple ran out of memory; choose a smaller image in the world."
         if self.session.aim_at(aim):
             residency.worker.wake()  # at once, not after drawing
             self.session.wait_a_moment()

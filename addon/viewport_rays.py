@@ -68,7 +68,10 @@ class RaysViewportSession(ViewportSession):
         except StippleError as error:
             self.fail(aim, str(error))
             return
-        super().step(renderer, lambda: False)
+        try:
+            super().step(renderer, lambda: False)
+        except StippleError as error:  # the CPU's memory; there is no other device to try
+            self.fail(aim, str(error))
 
     def close(self) -> None:
         super().close()

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..engine.errors import Cancelled, StippleError
-from .viewport import ViewportSession
+from ..engine.errors import Cancelled, DeviceError, StippleError
+from .viewport import Aim, ViewportSession
 
 if TYPE_CHECKING:
     from ..engine.renderer import Renderer
@@ -35,6 +35,7 @@ class ViewportWorker:
         self._prepare = prepare
         self._sessions: list[ViewportSession] = []
         self._renderers: dict[int, tuple[str, Renderer]] = {}  # by id of the session: its device and renderer
+        self._fallen: dict[int, str] = {}  # by id of the session: the device that does not serve it
         self._spare: tuple[str, Renderer] | None = None  # of the viewport closed last: undo reopens viewports
         self._changed = threading.Condition()
         self._gate = threading.Lock()  # held while anything of Warp runs
@@ -80,6 +81,7 @@ class ViewportWorker:
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
         self._thread = None
+        self._fallen.clear()
         while self._renderers:
             self._renderers.popitem()[1][1].free()
         if self._spare is not None:
@@ -140,6 +142,7 @@ class ViewportWorker:
     def _drop_closed(self) -> None:
         for session in [session for session in self._sessions if session.closed]:
             self._sessions.remove(session)
+            self._fallen.pop(id(session), None)
             held = self._renderers.pop(id(session), None)
             if held is not None:
                 if self._spare is not None:
@@ -153,11 +156,33 @@ class ViewportWorker:
                 session.step(self._renderer_for(session, aim.settings.device, aim.settings.method), self._interrupted)
         except Cancelled:
             pass
+        except (DeviceError, RuntimeError) as error:
+            self._fall_back(session, aim, error)
         except StippleError as error:
             session.fail(aim, str(error))
         except Exception as error:
-            log.exception("Unexpected error in the viewport")
-            session.fail(aim, f"Stipple: {type(error).__name__}: {error} (details are in the console)")
+            self._fail_unexpectedly(session, aim, error)
+
+    def _fall_back(self, session: ViewportSession, aim: Aim | None, error: Exception) -> None:
+        """The CPU renders for this session from now on, until another device is chosen; on the CPU the error counts."""
+        from ..engine.device import is_cpu
+
+        device = "cpu" if aim is None or id(session) in self._fallen else aim.settings.device
+        if not is_cpu(device):
+            held = self._renderers.pop(id(session), None)
+            if held is not None:
+                held[1].free()
+            self._fallen[id(session)] = device
+            session.notice = f"{error} The CPU renders instead."
+            log.warning(session.notice)
+        elif isinstance(error, StippleError):
+            session.fail(aim, str(error))
+        else:
+            self._fail_unexpectedly(session, aim, error)
+
+    def _fail_unexpectedly(self, session: ViewportSession, aim: Aim | None, error: Exception) -> None:
+        log.error("Unexpected error in the viewport", exc_info=error)
+        session.fail(aim, f"Stipple: {type(error).__name__}: {error} (details are in the console)")
 
     def _interrupted(self) -> bool:
         return self._stopping or self.serves_finals
@@ -168,6 +193,10 @@ class ViewportWorker:
                 raise Cancelled
             session.say(text.capitalize())
 
+        if self._fallen.get(id(session)) == device:
+            device = "cpu"
+        elif self._fallen.pop(id(session), None):
+            session.notice = ""
         self._prepare(device, method, progress)
         if method == "rays":
             self._prepare("cpu", method, progress)  # of the film, which redraws add to

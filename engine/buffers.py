@@ -10,9 +10,12 @@ from typing import Any
 import warp as wp
 
 from .device import free_bytes
-from .errors import StippleError
+from .errors import DeviceError
 
 GROWTH = 1.25  # a buffer that must grow takes a quarter more, so a slowly rising count does not reallocate each frame
+
+allocation_limits: dict[str, int] = {}
+"""Most that the buffers of a renderer may hold [bytes], by the name its device was asked for. Empty but in tests."""
 
 
 def gibibytes(count: int) -> str:
@@ -28,18 +31,27 @@ def shortage(device: wp.Device, needed: int, what: str, free: int, remedy: str =
 
 
 def allocate(
-    device: wp.Device, dtype: Any, shape: int | tuple[int, ...], what: str, remedy: str = RENDER_LESS
+    device: wp.Device,
+    dtype: Any,
+    shape: int | tuple[int, ...],
+    what: str,
+    remedy: str = RENDER_LESS,
+    free: int | None = None,
 ) -> wp.array:
-    """An uninitialised array. Raises StippleError, with `what` it was for, when memory does not suffice."""
+    """An uninitialised array. Raises DeviceError, with `what` it was for, when memory does not suffice.
+
+    `free` is less memory than the device has [bytes], where there is a limit.
+    """
     count = math.prod(shape) if isinstance(shape, tuple) else shape
-    needed, free = count * wp.types.type_size_in_bytes(dtype), free_bytes(device)
+    needed = count * wp.types.type_size_in_bytes(dtype)
+    free = free_bytes(device) if free is None else free
     message = shortage(device, needed, what, free, remedy)
     if needed > free:
-        raise StippleError(message)
+        raise DeviceError(message)
     try:
         return wp.empty(shape, dtype=dtype, device=device)
     except (MemoryError, RuntimeError) as error:
-        raise StippleError(message) from error
+        raise DeviceError(message) from error
 
 
 class Buffers:
@@ -49,37 +61,45 @@ class Buffers:
     grown buffer has lost its contents. `peak_bytes` is the most that was held at once.
     """
 
-    def __init__(self, device: wp.Device) -> None:
+    def __init__(self, device: wp.Device, limit: int | None = None) -> None:
+        """`limit` [bytes] is less memory than the device has."""
         self.device = device
+        self._limit = limit
         self.peak_bytes = 0
         self._arrays: dict[str, wp.array] = {}
 
     def array(self, name: str, dtype: Any, count: int) -> wp.array:
-        """Uninitialised elements 0 … count - 1 of buffer `name`. Raises StippleError when memory runs out."""
+        """Uninitialised elements 0 … count - 1 of buffer `name`. Raises DeviceError when memory runs out."""
         held = self._arrays.get(name)
         if held is None or held.size < count or held.dtype != dtype:
             self._arrays.pop(name, None)
             grown = max(count, 1) if held is None else max(count, int(held.size * GROWTH), 1)
             del held
-            held = self._arrays[name] = allocate(self.device, dtype, grown, name)
+            held = self._arrays[name] = allocate(self.device, dtype, grown, name, free=self.free_bytes)
             self.peak_bytes = max(self.peak_bytes, self.held_bytes)
         return held[:count]
 
     def check(self, needs: Mapping[str, int], what: str) -> None:
-        """Raise StippleError unless the named buffers fit together [bytes each], less what each of them already holds.
+        """Raise DeviceError unless the named buffers fit together [bytes each], less what each of them already holds.
 
         For what will certainly be allocated: a CPU's memory is only taken when it is first written, so one buffer's
         own check does not see the one before.
         """
         held = {name: array.capacity for name, array in self._arrays.items()}
         needed = sum(size for name, size in needs.items() if size > held.get(name, 0))
-        free = free_bytes(self.device)
+        free = self.free_bytes
         if needed > free:
-            raise StippleError(shortage(self.device, needed, what, free))
+            raise DeviceError(shortage(self.device, needed, what, free))
 
     @property
     def held_bytes(self) -> int:
         return sum(array.capacity for array in self._arrays.values())
+
+    @property
+    def free_bytes(self) -> int:
+        """What can still be allocated [bytes]."""
+        free = free_bytes(self.device)
+        return free if self._limit is None else max(0, min(free, self._limit - self.held_bytes))
 
     def free(self) -> None:
         self._arrays.clear()

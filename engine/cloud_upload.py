@@ -13,7 +13,7 @@ import warp as wp
 from .buffers import gibibytes
 from .device import free_bytes
 from .device_cloud import DeviceCloud, upload_cloud
-from .errors import StippleError
+from .errors import DeviceError
 from .group_bounds import bound_groups
 from .quantise import quantise, quantising_bytes_per_splat
 from .splats import SplatCloud
@@ -47,11 +47,11 @@ class DeviceSource(Protocol):
 def upload_any(cloud: SplatCloud | DeviceSource, device: wp.Device, storage: str, progress: Progress) -> DeviceCloud:
     """The cloud on the device, with the bounds of its groups; `storage` as in Settings, for clouds the host holds.
 
-    Raises StippleError where memory does not suffice.
+    Raises DeviceError where memory does not suffice.
     """
     needed = _bytes_needed(cloud, device, storage)
     if needed > free_bytes(device):
-        raise StippleError(
+        raise DeviceError(
             f"{cloud.name}: {gibibytes(needed)} are needed on {device.alias} and {gibibytes(free_bytes(device))} are "
             "free; render on another device or fewer captures at once."
         )

@@ -7,7 +7,9 @@ per finished picture. Colours are premultiplied unless a name says straight.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 
@@ -25,6 +27,7 @@ ENCODED_KNEE = 0.04045  # where sRGB's two pieces meet, encoded (IEC 61966-2-1)
 LINEAR_KNEE = 0.0031308
 
 
+MOST_THREADS = 8  # more would wait for memory
 ROWS_PER_BLOCK = 16  # of 1920 float32 pixels: 0.5 MB, which stays in a core's cache
 
 
@@ -56,8 +59,11 @@ def linear_from_srgb(encoded: Array) -> Array:
     f(−x) = −f(x): the map stays one-to-one and the round trip exact. (IEC 61966-2-1 defines 0 … 1 only.)
     """
     size = np.abs(encoded)
-    curve = ((size + 0.055) / 1.055) ** 2.4
-    return np.copysign(np.where(size <= ENCODED_KNEE, size / 12.92, curve), encoded)
+    with np.errstate(under="ignore"):
+        line = size / 12.92
+    curve = np.asarray(_to_the_2_4((size + 0.055) / 1.055))
+    np.copyto(curve, line, where=size <= ENCODED_KNEE)
+    return np.copysign(curve, encoded, out=curve)
 
 
 def srgb_from_linear(linear: Array) -> Array:
@@ -98,12 +104,11 @@ def scene_linear_from_display(rgba: Array, working_space: str = "Rec.709") -> Ar
     matrix = working_space_from_rec709(working_space)
 
     def convert(block: Array) -> Array:
-        straight = straight_from_premultiplied(block)
-        light = linear_from_srgb(straight[..., :3])
+        light = linear_from_srgb(straight_from_premultiplied(block))  # alpha too: what is contiguous is faster
         if working_space != "Rec.709":
-            light = light @ matrix.T.astype(rgba.dtype)
-        straight[..., :3] = light
-        return premultiplied_from_straight(straight)
+            light[..., :3] = light[..., :3] @ matrix.T.astype(rgba.dtype)
+        light[..., 3] = block[..., 3]
+        return premultiplied_from_straight(light)
 
     return _by_rows(convert, rgba)
 
@@ -157,13 +162,35 @@ def working_space_from_rec709(working_space: str) -> Matrix:
     return matrix
 
 
+def _to_the_2_4(positive: Array) -> Array:
+    """x^2.4. In float32 as x² exp(0.4 ln x), which NumPy computes in vectors: four times faster, off by 3 ulp at most.
+
+    (0.4 of the logarithm and not 2.4, or its rounding would show sixfold.)
+    """
+    if positive.dtype != np.float32:
+        return positive**2.4
+    power = np.log(positive)
+    power *= np.float32(0.4)
+    np.exp(power, out=power)
+    power *= positive
+    power *= positive
+    return power
+
+
 def _by_rows(convert: Callable[[Array], Array], rgba: Array) -> Array:
-    """`convert` on blocks of rows of a picture: intermediate arrays stay in the cache (3× at 1080p, one Xeon core)."""
+    """`convert` on blocks of rows of a picture, on all cores; the result is contiguous.
+
+    Intermediate arrays of a block stay in the cache (3× at 1080p, one Xeon core).
+    """
     if rgba.ndim < 3 or len(rgba) <= ROWS_PER_BLOCK:
         return convert(rgba)
-    result = np.empty_like(rgba)
-    for first in range(0, len(rgba), ROWS_PER_BLOCK):
+    result = np.empty(rgba.shape, rgba.dtype)
+
+    def convert_block(first: int) -> None:
         result[first : first + ROWS_PER_BLOCK] = convert(rgba[first : first + ROWS_PER_BLOCK])
+
+    with ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1), thread_name_prefix="stipple-colour") as pool:
+        list(pool.map(convert_block, range(0, len(rgba), ROWS_PER_BLOCK)))  # raises the first failure
     return result
 
 

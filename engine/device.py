@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import warp as wp
 
-from .errors import StippleError
+from .errors import DeviceError
 
 CHUNKS_PER_THREAD = 4  # evens out chunks of unequal work
 SMALLEST_CHUNK = 1024  # elements; a smaller launch is not worth a thread (a launch costs some 20 µs)
@@ -54,7 +54,7 @@ def close_pools() -> None:
 def choose_device(name: str = "auto") -> wp.Device:
     """The Warp device for "auto" (CUDA where there is one), "cpu", "cuda" or "cuda:N".
 
-    Raises StippleError when the machine has no such device.
+    Raises DeviceError when the machine has no such device.
     """
     wp.config.log_level = wp.LOG_ERROR  # its greeting and kernel loads would land among the results
     wp.init()
@@ -64,7 +64,12 @@ def choose_device(name: str = "auto") -> wp.Device:
         return wp.get_device("cuda:0" if name == "cuda" else name)
     except Exception as error:
         have = ", ".join(["cpu", *(device.alias for device in wp.get_cuda_devices())])
-        raise StippleError(f"device {name!r} is not on this machine; choose one of {have} or auto.") from error
+        raise DeviceError(f"device {name!r} is not on this machine; choose one of {have} or auto.") from error
+
+
+def is_cpu(name: str) -> bool:
+    """Whether `choose_device` answers this name with the CPU."""
+    return name == "cpu" or (name == "auto" and not choose_device(name).is_cuda)
 
 
 def launch(

@@ -9,5 +9,9 @@ class StippleError(Exception):
     """
 
 
+class DeviceError(StippleError):
+    """A device is not there, or its memory does not suffice: on another device the same picture may succeed."""
+
+
 class Cancelled(Exception):
     """The host asked to stop; raised between launches, never inside one. What was accumulated stays valid."""

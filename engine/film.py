@@ -70,12 +70,15 @@ def resolve_film_kernel(
     sums: FilmSums,
     samples: wp.float64,
     background: wp.vec4,
+    behind: wp.array(dtype=wp.vec4),  # of every pixel, or empty where `background` is behind them all
     rgba: wp.array(dtype=wp.vec4),
     depth: wp.array(dtype=wp.float32),
 ) -> None:
     pixel = first + wp.tid()
     colour = sums.colour[pixel] / samples
     depth[pixel] = wp.where(colour[3] > wp.float64(0.0), wp.float32(sums.depth[pixel] / samples / colour[3]), wp.inf)
+    if behind.shape[0] > 0:
+        background = behind[pixel]
     rgba[pixel] = wp.vec4(colour) + (1.0 - float(colour[3])) * background
 
 
@@ -97,18 +100,20 @@ class Film:
 
     def resolve(
         self,
-        background: tuple[float, float, float] | None,
+        background: tuple[float, float, float] | wp.array | None,
         stats: RenderStats,
         finish: Callable[[wp.array, wp.array], None] | None = None,
     ) -> Picture:
-        """The mean so far over `background` (sRGB-encoded; None leaves it transparent). May be called at any time.
+        """The mean so far over `background`. May be called at any time.
 
+        `background` is a colour or an array of (r, g, b, 1) per pixel, sRGB-encoded; None leaves it transparent.
         `finish` may change the picture's rgba and depth on the device before they are read back.
         """
         count = self.width * self.height
         rgba, depth = self._rgba, self._mean_depth
-        behind = wp.vec4(0.0, 0.0, 0.0, 0.0) if background is None else wp.vec4(*background, 1.0)
-        inputs = [self.sums, float(max(self.samples, 1)), behind, rgba, depth]
+        colour = wp.vec4(*background, 1.0) if isinstance(background, tuple) else wp.vec4(0.0, 0.0, 0.0, 0.0)
+        behind = background if isinstance(background, wp.array) else None
+        inputs = [self.sums, float(max(self.samples, 1)), colour, behind, rgba, depth]
         launch(resolve_film_kernel, count, inputs, self.device)
         if finish is not None:
             finish(rgba, depth)

@@ -17,11 +17,13 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from .buffers import Buffers
+from .buffers import Buffers, allocation_limits
 from .camera import Camera
 from .cloud_upload import DeviceSource, Progress, upload_any
 from .device import choose_device
 from .device_cloud import DeviceCloud
+from .environment import BYTES_PER_PIXEL as ENVIRONMENT_BYTES
+from .environment import DeviceEnvironment, look_around, upload_environment
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
 from .maths.projection import make_pose, make_view
 from .occlusion import OcclusionMemory
@@ -33,7 +35,7 @@ from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
 from .rays.uploads import RasterScene
 from .reprojection import History
-from .scene import Scene
+from .scene import Background, Environment, EnvironmentImage, Scene
 from .settings import Settings
 from .shot import Shot
 from .sorted.method import SortedFrame
@@ -77,18 +79,20 @@ class Renderer:
         raster_host: Callable[[], RasterHost] = ModernGLDevice,
     ) -> None:
         self.device = choose_device(device)
-        self.buffers = Buffers(self.device)
+        self.buffers = Buffers(self.device, allocation_limits.get(device))
         self._synchronise_stages = synchronise_stages
         self._raster_host = raster_host
         self._raster: RasterScene | None = None
         self._clouds: dict[tuple[int, str], tuple[weakref.ref[SplatCloud | DeviceSource], DeviceCloud]] = {}
         self._occlusion_memory = OcclusionMemory()
         self.history = History()
+        self._environment: tuple[EnvironmentImage, DeviceEnvironment] | None = None
 
     def render(self, scene: Scene, camera: Camera, settings: Settings, progress: Progress | None = None) -> Picture:
         """All samples of one picture.
 
-        Raises StippleError for what the user can mend (memory, mostly) and lets `Cancelled` through.
+        Raises StippleError for what the user can mend, DeviceError among them where another device may help, and lets
+        `Cancelled` through. A device that fails while it works raises Warp's RuntimeError.
         """
         frame = Frame(self, scene, camera, settings, progress)
         for sample in range(frame.sample_count):
@@ -103,6 +107,16 @@ class Renderer:
             if key not in self._clouds:
                 self._clouds[key] = (weakref.ref(cloud), upload_any(cloud, self.device, storage, progress))
         return [self._clouds[id(instance.cloud), storage][1] for instance in scene.instances]
+
+    def environment(self, image: EnvironmentImage) -> DeviceEnvironment:
+        """The image on the device; one is kept from frame to frame."""
+        if self._environment is None or self._environment[0] is not image:
+            self._environment = None  # before the new one takes memory
+            self._environment = (image, upload_environment(image, self.device))
+        return self._environment[1]
+
+    def free_environment(self) -> None:
+        self._environment = None
 
     def shot(
         self, scene: Scene, camera: Camera, settings: Settings, timer: StageTimer, progress: Progress | None = None
@@ -146,14 +160,17 @@ class Renderer:
         self._clouds.clear()
         self._occlusion_memory.forget()
         self.history.forget()
+        self.free_environment()
         self.buffers.free()
 
 
-def picture_bytes(pixels: int, settings: Settings) -> dict[str, int]:
+def picture_bytes(pixels: int, settings: Settings, background: Background) -> dict[str, int]:
     """What the buffers take that grow with the picture, by name [bytes]; those that grow with splats come on top."""
     needs = {name: size * pixels for name, size in BYTES_PER_PIXEL.items()}
     if settings.method == "points":
         needs |= {name: size * pixels * settings.supersampling**2 for name, size in BYTES_PER_SUBPIXEL.items()}
+    if isinstance(background, Environment):
+        needs |= {name: size * pixels for name, size in ENVIRONMENT_BYTES.items()}
     return needs
 
 
@@ -173,10 +190,22 @@ class Frame:
         self.checkpoint("loading")
         shot = renderer.shot(scene, camera, settings, self.timer, progress)
         self.checkpoint("sorting")
-        buffers.check(picture_bytes(width * height, settings), f"a picture of {width}×{height} px")
+        needs = picture_bytes(width * height, settings, scene.background)
+        buffers.check(needs, f"a picture of {width}×{height} px")
         self.film = Film(width, height, buffers)
+        self._behind = self._look_around(camera, settings)
         self.method = METHOD_FRAMES[settings.method](shot)
         self.sample_count = self.method.sample_count
+
+    def _look_around(self, camera: Camera, settings: Settings) -> tuple[float, float, float] | wp.array | None:
+        """The scene's background as the film takes it."""
+        background = self._scene.background
+        if not isinstance(background, Environment):
+            self._renderer.free_environment()
+            return background
+        with self.timer.stage("background"):
+            uploaded = self._renderer.environment(background.image)
+            return look_around(background, uploaded, camera, settings.supersampling, self._renderer.buffers)
 
     def checkpoint(self, text: str = "rendering") -> None:
         """Tell the host how far it is; the host may raise `Cancelled` here."""
@@ -197,7 +226,7 @@ class Frame:
         """The mean of the samples so far; with `reprojection` to be asked for once, as each call enters the next."""
         with self.timer.stage("film"):
             finish = self._reproject if self._settings.reprojection else None
-            picture = self.film.resolve(self._scene.background, RenderStats(), finish)
+            picture = self.film.resolve(self._behind, RenderStats(), finish)
         stats = picture.stats
         stats.peak_bytes = self._renderer.buffers.peak_bytes
         stats.splats_visible = self.method.splats_visible

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from .errors import StippleError
 from .splats import SplatCloud
 
 if TYPE_CHECKING:
     from .cloud_upload import DeviceSource
+
+Affine = tuple[tuple[float, ...], ...]  # three rows of four numbers
+IDENTITY: Affine = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
 
 
 def identity_transform() -> npt.NDArray[np.float64]:
@@ -36,15 +40,59 @@ class Instance:
 
 
 @dataclass(frozen=True, eq=False)
+class EnvironmentImage:
+    """An equirectangular picture of everything around; equal only to itself, so that it is uploaded once.
+
+    `pixels` (H, W, 3): C-contiguous float32, scene-linear Rec.709 light (negative outside that gamut), rows from the
+    zenith to the nadir. Raises StippleError for another shape or type, and for values that are not finite.
+    """
+
+    pixels: npt.NDArray[np.float32]
+    name: str = "environment"
+
+    def __post_init__(self) -> None:
+        pixels = self.pixels
+        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+            raise StippleError(f"{self.name}: the environment is {pixels.shape}; give (height, width, 3) pixels.")
+        if pixels.dtype != np.float32 or not pixels.flags.c_contiguous:
+            raise StippleError(f"{self.name}: the environment is {pixels.dtype}; give contiguous float32 pixels.")
+        if not np.isfinite(pixels).all():
+            raise StippleError(f"{self.name}: the environment holds values that are not finite; clean the image.")
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An image placed around the scene; compares equal as long as it looks the same.
+
+    - `environment_from_world`: 3×4; its affine map of a unit direction in the world is looked up in the image, whose
+      space has the zenith at +z and the image's centre at +x; to the right of the centre is −y.
+    - `strength`: the light's factor.
+    """
+
+    image: EnvironmentImage
+    environment_from_world: Affine = IDENTITY
+    strength: float = 1.0
+
+    def __post_init__(self) -> None:
+        affine = np.array(self.environment_from_world, np.float64)
+        if affine.shape != (3, 4) or not np.isfinite(affine).all() or not np.isfinite(self.strength):
+            raise StippleError(f"{self.image.name}: give a finite 3×4 environment_from_world and a finite strength.")
+
+
+Background = tuple[float, float, float] | Environment | None
+"""An sRGB-encoded colour, an environment, or None for a transparent film."""
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """Instances and what is behind them.
 
-    `background` is an sRGB-encoded colour, or None for a transparent film. Overlapping instances mix as if
-    they were one cloud.
+    `background` is an sRGB-encoded colour, an environment, or None for a transparent film. Overlapping instances mix
+    as if they were one cloud.
     """
 
     instances: tuple[Instance, ...]
-    background: tuple[float, float, float] | None = None
+    background: Background = None
 
     @property
     def splat_count(self) -> int:

@@ -20,7 +20,7 @@ from stipple.engine.camera import Camera, look_at
 from stipple.engine.colour import bytes_from_display
 from stipple.engine.formats import read_splats
 from stipple.engine.renderer import Renderer
-from stipple.engine.scene import Instance, Scene
+from stipple.engine.scene import Environment, EnvironmentImage, Instance, Scene
 from stipple.engine.settings import Settings
 from stipple.engine.splats import SH_C0, SplatCloud
 from stipple.scripts.sample_capture import build_sample
@@ -38,6 +38,23 @@ def camera(
     """A camera with a vertical field of view [degrees] and a size [px]."""
     focal = 0.5 * size[1] / np.tan(np.radians(degrees) / 2)
     return Camera(look_at(eye, target), *size, focal, focal, size[0] / 2, size[1] / 2, near=0.05)
+
+
+def evening() -> Environment:
+    """Scene-linear sky and ground with the sun low behind the sample; the sample's up is −y."""
+    rows, columns = 1024, 2048
+    elevation = (0.5 - (np.arange(rows) + 0.5) / rows)[:, None, None] * np.pi
+    azimuth = ((np.arange(columns) + 0.5) / columns - 0.5)[None, :, None] * 2 * np.pi
+    high = np.clip(elevation / 0.9, 0, 1) ** 0.6
+    sky = np.array([1.1, 0.52, 0.24]) * (1 - high) + np.array([0.1, 0.19, 0.42]) * high
+    ground = np.array([0.09, 0.07, 0.06]) * np.exp(np.minimum(elevation, 0) * 2)
+    light = np.where(elevation > 0, sky, ground) + 0 * azimuth
+    away = np.hypot(azimuth + 0.2, elevation - 0.12)  # of the sun [rad], near enough
+    light = light + np.array([1.0, 0.6, 0.3]) * (
+        1.2 * np.exp(-away / 0.22) + 60.0 * np.clip((0.027 - away) / 0.004, 0, 1)
+    )
+    pixels = np.ascontiguousarray(light, np.float32)
+    return Environment(EnvironmentImage(pixels), ((0, 0, 1, 0), (-1, 0, 0, 0), (0, -1, 0, 0)))
 
 
 def save(rgba: np.ndarray, name: str) -> None:
@@ -98,6 +115,8 @@ def main() -> None:
     light, dark = (Scene((Instance(cloud),), background) for background in (PAPER, NIGHT))
     front = camera((0.9, -1.12, -2.95), (0.03, -0.41, 0.0), 30, (1280, 720))
     save(renderer.render(light, front, fine).rgba, "sample.jpg")
+    low = camera((-0.5, -0.62, -2.9), (0.05, -0.5, 0.0), 38, (1280, 560))
+    save(renderer.render(Scene(light.instances, evening()), low, fine).rgba, "world.jpg")
     close = camera((-0.62, -0.72, -1.85), (-0.02, -0.36, -0.2), 32, (1280, 720))
     save(renderer.render(dark, close, fine).rgba, "close.jpg")
     detail = camera((-0.62, -0.72, -1.85), (0.02, -0.3, -0.35), 15, (320, 360))

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import CollectionProperty, EnumProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...engine.errors import StippleError
+from ...engine.formats.sequence import NumberedFiles, find_numbered, is_numbered, name_of_sequence
+from ..sequence_paths import stored_path
 from ..splat_data import SOURCE_PROPERTY, datablock_from_cloud
 
 HALF_TURN = math.pi
@@ -60,19 +62,32 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         default="NEGATIVE_Y",
     )
 
+    sequence: BoolProperty(  # type: ignore[valid-type]
+        name="Sequence",
+        description="Play the numbered files beside a file as one moving capture",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+
     def invoke(self, context: Any, event: Any) -> set[str]:
+        paths = self._paths()
+        self.sequence = len(paths) > 1 and len(_one_of_each_sequence(paths)) == 1
         return self.invoke_popup(context)
 
     def draw(self, context: Any) -> None:
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         self.layout.prop(self, "up_axis")
+        row = self.layout.row()
+        row.active = any(map(is_numbered, self._paths()))
+        row.prop(self, "sequence")
 
     def execute(self, context: Any) -> set[str]:
-        """One object per file, each whole or not at all; a file that cannot be read does not stop the others."""
+        """One object per file or sequence, each whole or not at all; what cannot be read does not stop the others."""
         if context.mode != "OBJECT" and context.object:
             bpy.ops.object.mode_set(mode="OBJECT")  # the new object becomes active; what was edited must not be stuck
-        b_objects = [b_object for path in self._paths() if (b_object := self._import(context, path))]
+        paths = _one_of_each_sequence(self._paths()) if self.sequence else self._paths()
+        b_objects = [b_object for path in paths if (b_object := self._import(context, path))]
         if not b_objects:
             return {"CANCELLED"}
         select_only(context, b_objects)
@@ -98,10 +113,15 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
     def _object_from_file(self, context: Any, path: Path) -> Any:
         from ...engine.formats import read_splats
 
+        files = find_numbered(path) if self.sequence else None
         loaded = read_splats(path)
         b_data = datablock_from_cloud(loaded.cloud, path.stem)
         b_data[SOURCE_PROPERTY] = str(path)
-        b_object = bpy.data.objects.new(path.stem, b_data)
+        b_object = bpy.data.objects.new(path.stem if files is None else name_of_sequence(path), b_data)
+        if files is not None:
+            b_sequence = b_object.stipple_sequence
+            b_sequence.filepath, b_sequence.frame_start = stored_path(path), context.scene.frame_start
+            b_sequence.enabled = True
         b_object.rotation_euler = ROTATION_OF_UP_AXIS[self.up_axis]
         try:
             context.view_layer.active_layer_collection.collection.objects.link(b_object)
@@ -110,7 +130,7 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
             raise StippleError("The active collection is linked from another file; choose one of this file.") from None
         for warning in loaded.warnings:  # among them the splats left out, counted
             self.report({"WARNING"}, warning)
-        self.report({"INFO"}, f"{path.name}: imported {loaded.cloud.splat_count:,} splats.")
+        self.report({"INFO"}, f"{path.name}: imported {loaded.cloud.splat_count:,} splats{_extent(files)}.")
         return b_object
 
 
@@ -125,6 +145,24 @@ class IO_FH_stipple_splats(bpy.types.FileHandler):
     @classmethod
     def poll_drop(cls, context: Any) -> bool:
         return bool(context.area and context.area.type in {"VIEW_3D", "OUTLINER"})
+
+
+def _one_of_each_sequence(paths: list[Path]) -> list[Path]:
+    """The first path of each sequence; what is none is kept, for importing it says so."""
+    first: dict[object, Path] = {}
+    for path in paths:
+        try:
+            first.setdefault(frozenset(find_numbered(path).paths.values()), path)
+        except StippleError:
+            first[path] = path
+    return list(first.values())
+
+
+def _extent(files: NumberedFiles | None) -> str:
+    if files is None:
+        return ""
+    missing = f", {files.missing} numbers missing" if files.missing else ""
+    return f" of a sequence of {len(files.numbers)} files, {files.numbers[0]} to {files.numbers[-1]}{missing}"
 
 
 def select_only(context: Any, b_objects: list[Any]) -> None:

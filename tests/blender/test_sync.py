@@ -12,7 +12,7 @@ import pytest
 from stipple.addon import residency
 from stipple.addon.residency import CloudCache
 from stipple.addon.splat_data import datablock_from_cloud
-from stipple.addon.sync import background_of, scene_from_depsgraph, settings_from_scene, working_space
+from stipple.addon.sync import scene_from_depsgraph, settings_from_scene
 from stipple.engine.errors import StippleError
 from stipple.engine.scene import Scene
 
@@ -175,25 +175,6 @@ def test_invalid_splats_are_counted() -> None:
     assert warnings == ("Statue: 3 splats have invalid values and are not rendered.",)
 
 
-def test_background_is_the_world_encoded_for_display() -> None:
-    b_scene = bpy.context.scene
-    b_scene.world = None
-    assert background_of(b_scene) == (0.0, 0.0, 0.0)
-    b_scene.world = bpy.data.worlds.new("World")
-    if bpy.app.version < (5, 0, 0):
-        b_scene.world.use_nodes = True
-    b_tree = b_scene.world.node_tree
-    if not b_tree.nodes:
-        b_output, b_background = b_tree.nodes.new("ShaderNodeOutputWorld"), b_tree.nodes.new("ShaderNodeBackground")
-        b_tree.links.new(b_background.outputs[0], b_output.inputs["Surface"])
-    b_background = next(b_node for b_node in b_tree.nodes if b_node.type == "BACKGROUND")
-    b_background.inputs["Color"].default_value = (0.107023, 0.0, 0.5, 1.0)  # half of 0.214046, which encodes to 0.5
-    b_background.inputs["Strength"].default_value = 2.0
-    np.testing.assert_allclose(background_of(b_scene), (0.5, 0.0, 1.0), atol=1e-5)
-    b_scene.render.film_transparent = True
-    assert background_of(b_scene) is None
-
-
 def test_settings_follow_the_scene() -> None:
     b_scene = bpy.context.scene
     defaults = settings_from_scene(b_scene)
@@ -228,13 +209,6 @@ def test_settings_follow_the_scene() -> None:
         True,
         4,
     )
-
-
-def test_working_space_is_the_files() -> None:
-    assert working_space() == "Rec.709"
-    if bpy.app.version >= (5, 0, 0):
-        bpy.ops.wm.set_working_color_space(working_space="ACEScg")
-        assert working_space() == "ACEScg"
 
 
 def test_loading_a_file_frees_the_clouds() -> None:

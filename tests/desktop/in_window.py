@@ -155,6 +155,12 @@ def final_render(window: Window) -> Steps:
     else:
         cube_of_splats().rotation_euler = (0.3, 0.2, 0.4)
     b_scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.2, 0.05, 0.5, 1)
+    yield from compare(window)
+
+
+def compare(window: Window, frames: tuple[int, ...] = ()) -> Steps:
+    """Photographs the camera view at the size of the final render, and makes the final render; after `frames`."""
+    b_scene = bpy.context.scene
     b_scene.camera.data.passepartout_alpha = 0.0
     window.b_space.shading.type = "RENDERED"
     window.b_region_3d.view_perspective = "CAMERA"
@@ -163,10 +169,35 @@ def final_render(window: Window) -> Steps:
     yield from window.rest()
     b_scene.render.resolution_x, b_scene.render.resolution_y = window.b_region.width, window.b_region.height
     yield from window.rest()
+    for frame in frames:
+        b_scene.frame_set(frame)
+        yield from window.rest()
     yield from window.shot("viewport")
     b_scene.render.image_settings.file_format = "PNG"
     b_scene.render.filepath = str(window.output / "final.png")
     bpy.ops.render.render(write_still=True)
+
+
+def moving(window: Window) -> Steps:
+    """The third file of a sequence, shown by a change of the frame alone, before an image of light around the scene."""
+    capture = sys.argv[-1]
+    use_stipple()
+    window.bare()
+    bpy.data.objects["Cube"].hide_set(True)
+    bpy.data.objects["Cube"].hide_render = True
+    bpy.ops.import_scene.splats(filepath=capture, sequence=True)
+    bpy.context.view_layer.objects.active.select_set(False)
+    b_image = bpy.data.images.new("sky", 256, 128, float_buffer=True)
+    down, around = np.mgrid[0:128, 0:256]
+    light = [0.4 + 0.3 * np.sin(around / 128 * np.pi + turn) * np.sin(down / 128 * np.pi) for turn in (0, 2, 4)]
+    checks = ((down // 16 + around // 16) % 2)[..., None] * 0.5 + 0.5
+    rgba = np.concatenate([np.stack(light, axis=2) * checks, np.ones((128, 256, 1))], axis=2)
+    b_image.pixels.foreach_set(rgba.astype(np.float32).reshape(-1))
+    b_tree = bpy.context.scene.world.node_tree
+    b_texture = b_tree.nodes.new("ShaderNodeTexEnvironment")
+    b_texture.image = b_image
+    b_tree.links.new(b_texture.outputs["Color"], b_tree.nodes["Background"].inputs["Color"])
+    yield from compare(window, frames=(1, 3))
 
 
 def latency(window: Window) -> Steps:
@@ -218,7 +249,7 @@ def _turn(b_region_3d: Any) -> Any:
     return (rotation @ Quaternion((0, 1, 0), 0.05)) @ rotation.inverted()
 
 
-SCENARIOS = {"alignment": alignment, "final_render": final_render, "latency": latency}
+SCENARIOS = {"alignment": alignment, "final_render": final_render, "moving": moving, "latency": latency}
 
 
 def main() -> None:

@@ -83,6 +83,16 @@ def test_the_viewport_equals_the_final_render_of_a_capture(method: str, tmp_path
     assert_viewport_is_final(tmp_path, results)
 
 
+def test_a_frame_of_a_sequence_before_an_environment(tmp_path: Path) -> None:
+    from tests.blender.numbered import write_numbered
+
+    folder = write_numbered(tmp_path)
+    for path in (folder, *folder.iterdir()):
+        path.chmod(0o755)
+    results = run("moving", tmp_path, str(folder / "walk.0001.ply"))
+    assert_viewport_is_final(tmp_path, results)
+
+
 def assert_viewport_is_final(tmp_path: Path, results: dict[str, Any]) -> None:
     final = np.asarray(Image.open(tmp_path / "final.png").convert("RGB")).astype(int)[70:-30, 40:-40]
     viewport = region_of(tmp_path, "viewport", results)
