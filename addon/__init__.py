@@ -11,7 +11,10 @@ import atexit
 import bpy
 
 from . import (
+    capture_panel,
     graphics_context,
+    linked_capture,
+    preferences,
     properties,
     render_engine,
     residency,
@@ -20,20 +23,24 @@ from . import (
     sequence_paths,
     ui,
 )
-from .operators import apply_transform, import_cameras, import_splats
+from .operators import apply_transform, import_cameras, import_splats, link_captures
 
 PARTS = (  # in order; undone in reverse
+    preferences,
     properties,
     sequence,
     sequence_paths,
+    linked_capture,
     residency,
     graphics_context,
     import_splats,
+    link_captures,
     import_cameras,
     apply_transform,
     render_engine,
     ui,
     sequence_panel,
+    capture_panel,
 )
 
 

@@ -11,15 +11,12 @@ import warp as wp
 
 from .device import free_bytes
 from .errors import DeviceError
+from .memory import gibibytes
 
 GROWTH = 1.25  # a buffer that must grow takes a quarter more, so a slowly rising count does not reallocate each frame
 
 allocation_limits: dict[str, int] = {}
 """Most that the buffers of a renderer may hold [bytes], by the name its device was asked for. Empty but in tests."""
-
-
-def gibibytes(count: int) -> str:
-    return f"{count / 2**30:.2f} GiB"
 
 
 RENDER_LESS = "render fewer splats, a smaller picture or a lower supersampling, or choose another device"

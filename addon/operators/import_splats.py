@@ -12,10 +12,12 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...engine.errors import StippleError
+from ...engine.errors import Cancelled, StippleError
 from ...engine.formats.sequence import NumberedFiles, find_numbered, is_numbered, name_of_sequence
+from ..preferences import link_above
 from ..sequence_paths import stored_path
 from ..splat_data import SOURCE_PROPERTY, datablock_from_cloud
+from .link_captures import linked_data_from_file, shown_progress
 
 HALF_TURN = math.pi
 QUARTER_TURN = math.pi / 2
@@ -61,6 +63,12 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         items=UP_AXES,
         default="NEGATIVE_Y",
     )
+    link: BoolProperty(  # type: ignore[valid-type]
+        name="Link",
+        description="Leave the splats in the file and keep only its path and a few points here. "
+        "Captures above the limit in the preferences are always linked",
+        default=False,
+    )
 
     sequence: BoolProperty(  # type: ignore[valid-type]
         name="Sequence",
@@ -81,6 +89,7 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         row = self.layout.row()
         row.active = any(map(is_numbered, self._paths()))
         row.prop(self, "sequence")
+        self.layout.prop(self, "link")
 
     def execute(self, context: Any) -> set[str]:
         """One object per file or sequence, each whole or not at all; what cannot be read does not stop the others."""
@@ -103,6 +112,8 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
             return self._object_from_file(context, path)
         except StippleError as error:
             self.report({"ERROR"}, str(error))
+        except (Cancelled, KeyboardInterrupt):
+            self.report({"WARNING"}, f"{path.name}: cancelled; it is not imported.")
         except MemoryError:
             self.report({"ERROR"}, f"{path.name}: there is not enough memory to import it.")
         except Exception as error:
@@ -111,12 +122,20 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         return None
 
     def _object_from_file(self, context: Any, path: Path) -> Any:
-        from ...engine.formats import read_splats
+        from ...engine.formats import open_splats
 
+        source = open_splats(path)
         files = find_numbered(path) if self.sequence else None
-        loaded = read_splats(path)
-        b_data = datablock_from_cloud(loaded.cloud, path.stem)
-        b_data[SOURCE_PROPERTY] = str(path)
+        linked = files is None and (self.link or source.splat_count > link_above())
+        if linked:
+            b_data, warnings = linked_data_from_file(context, path)
+            count = b_data.stipple_capture.splat_count
+        else:
+            with shown_progress(context) as progress:
+                loaded = source.read(progress)
+            b_data, warnings, count = datablock_from_cloud(loaded.cloud, path.stem), loaded.warnings, source.splat_count
+            count -= loaded.dropped
+            b_data[SOURCE_PROPERTY] = str(path)
         b_object = bpy.data.objects.new(path.stem if files is None else name_of_sequence(path), b_data)
         if files is not None:
             b_sequence = b_object.stipple_sequence
@@ -128,9 +147,9 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         except RuntimeError:
             bpy.data.batch_remove([b_object, b_data])
             raise StippleError("The active collection is linked from another file; choose one of this file.") from None
-        for warning in loaded.warnings:  # among them the splats left out, counted
+        for warning in warnings:  # among them the splats left out, counted
             self.report({"WARNING"}, warning)
-        self.report({"INFO"}, f"{path.name}: imported {loaded.cloud.splat_count:,} splats{_extent(files)}.")
+        self.report({"INFO"}, f"{path.name}: {'linked' if linked else 'imported'} {count:,} splats{_extent(files)}.")
         return b_object
 
 
