@@ -10,12 +10,9 @@ import warp as wp
 
 from .device import free_bytes
 from .errors import StippleError
+from .memory import gibibytes
 
 GROWTH = 1.25  # a buffer that must grow takes a quarter more, so a slowly rising count does not reallocate each frame
-
-
-def gibibytes(count: int) -> str:
-    return f"{count / 2**30:.2f} GiB"
 
 
 def shortage(device: wp.Device, needed: int, what: str, free: int) -> str:

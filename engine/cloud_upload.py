@@ -3,23 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
 import warp as wp
 
-from .buffers import gibibytes
 from .device import free_bytes
 from .device_cloud import DeviceCloud, upload_cloud
 from .errors import StippleError
 from .group_bounds import bound_groups
+from .memory import gibibytes
+from .progress import Progress
 from .quantise import quantise, quantising_bytes_per_splat
-from .splats import SplatCloud
-
-Progress = Callable[[float, str], None]
-"""Called with the fraction done and a word on what is being done; raise `Cancelled` to stop."""
+from .splats import Bounds, SplatCloud
 
 
 class DeviceSource(Protocol):
@@ -37,7 +32,7 @@ class DeviceSource(Protocol):
     @property
     def nbytes(self) -> int: ...
     @property
-    def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...
+    def bounds(self) -> Bounds: ...
 
     def upload(self, device: wp.Device, progress: Progress) -> DeviceCloud:
         """The cloud on the device, with the bounds of its groups. Raises StippleError; lets `Cancelled` through."""
@@ -58,7 +53,7 @@ def upload_any(cloud: SplatCloud | DeviceSource, device: wp.Device, storage: str
     if not isinstance(cloud, SplatCloud):
         return cloud.upload(device, progress)
     if storage == "quantised":
-        return quantise(lambda: [cloud], cloud.splat_count, cloud.sh_degree, cloud.name, device)
+        return quantise(lambda _arrays: [cloud], cloud.splat_count, cloud.sh_degree, cloud.name, device)
     uploaded = upload_cloud(cloud, device)
     bound_groups(uploaded, device)
     return uploaded

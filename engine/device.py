@@ -9,15 +9,14 @@ argument and works on element `first + wp.tid()`.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import warp as wp
 
 from .errors import StippleError
+from .memory import host_free_bytes
 
 CHUNKS_PER_THREAD = 4  # evens out chunks of unequal work
 SMALLEST_CHUNK = 1024  # elements; a smaller launch is not worth a thread (a launch costs some 20 µs)
@@ -101,39 +100,4 @@ def launch(
 
 def free_bytes(device: wp.Device) -> int:
     """Memory that can still be allocated on `device` [bytes]; a large number where the system does not tell."""
-    if device.is_cuda:
-        return int(device.free_memory)
-    if sys.platform == "linux":
-        with open("/proc/meminfo") as table:
-            for line in table:
-                if line.startswith("MemAvailable:"):
-                    return min(int(line.split()[1]) * 1024, _free_bytes_of_container())
-    if sys.platform == "win32":
-        return _free_bytes_windows()
-    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return 1 << 62
-
-
-def _free_bytes_of_container() -> int:
-    """What a container or a farm's job may still take (cgroup version 2); a large number where there is no limit."""
-    try:
-        limit, used = (int(Path("/sys/fs/cgroup", name).read_text()) for name in ("memory.max", "memory.current"))
-    except (OSError, ValueError):  # no such files, or "max"
-        return 1 << 62
-    return max(0, limit - used)
-
-
-def _free_bytes_windows() -> int:
-    import ctypes
-
-    class MemoryStatus(ctypes.Structure):
-        _fields_ = (
-            ("length", ctypes.c_ulong),
-            ("load", ctypes.c_ulong),
-            *((name, ctypes.c_ulonglong) for name in ("total", "available", "a", "b", "c", "d", "e")),
-        )
-
-    status = MemoryStatus(length=ctypes.sizeof(MemoryStatus))
-    ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))  # type: ignore[attr-defined]
-    return int(status.available)
+    return int(device.free_memory) if device.is_cuda else host_free_bytes()

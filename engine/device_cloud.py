@@ -13,7 +13,7 @@ import warp as wp
 from .groups import SplatGroups
 from .maths.packing import unpack_colour, unpack_position, unpack_rotation, unpack_scale
 from .maths.sh import SH_C0, rest_count_of_degree, sh_basis
-from .splats import SH_REST_COUNT, SplatCloud
+from .splats import SH_REST_COUNT, SplatCloud, rest_words_of_degree
 
 wp.set_module_options({"enable_backward": False})
 
@@ -117,17 +117,6 @@ def read_colour(cloud: DeviceCloud, i: wp.int32, degree: wp.int32, direction: wp
         for k in range(rest_count_of_degree(bands)):
             colour += basis[k] * read_rest(cloud, i, k)
     return wp.vec3(wp.max(colour[0], 0.0), wp.max(colour[1], 0.0), wp.max(colour[2], 0.0))
-
-
-def rest_words_of_degree(sh_degree: int) -> int:
-    """32-bit words that hold a splat's quantised coefficients: 0, 3, 6, 12 or 18."""
-    return -(-3 * SH_REST_COUNT[sh_degree] // 4)
-
-
-def packed_bytes_per_splat(sh_degree: int) -> int:
-    """What a quantised splat takes [bytes]: 21 without harmonics, 81 with those of degree 3; groups come on top."""
-    colour = 4 if sh_degree == 0 else 12 + 4 + 4 * rest_words_of_degree(sh_degree)
-    return 16 + 1 + colour
 
 
 def empty_cloud(splat_count: int, sh_degree: int) -> DeviceCloud:

@@ -12,29 +12,33 @@ The host holds one chunk.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 
 import warp as wp
 
 from .device import launch
-from .device_cloud import DeviceCloud, empty_cloud, packed_bytes_per_splat, to_device
+from .device_cloud import DeviceCloud, empty_cloud, to_device
 from .errors import StippleError
 from .group_bounds import bound_groups
 from .groups import SplatGroups
 from .maths.packing import SMALLEST_SCALE, pack_coefficient, pack_colour, pack_geometry
 from .maths.sh import SH_C0
 from .morton_order import Layout, Measures, lay_out
-from .splats import SplatCloud
+from .splats import ARRAY_NAMES, SplatChunk, SplatCloud, packed_bytes_per_splat
 
 wp.set_module_options({"enable_backward": False})
 
-OpenChunks = Callable[[], Iterable[SplatCloud]]
-"""Opens the capture anew: consecutive splats in chunks, all of one SH degree, the same ones each time."""
+OpenChunks = Callable[[Collection[str]], Iterable[SplatCloud | SplatChunk]]
+"""Opens the capture anew: consecutive splats in chunks, all of one SH degree, the same ones each time.
+
+Of each chunk only the arrays that are named need be there.
+"""
 
 LARGEST_LOG_SPAN = wp.constant(18.0)  # 1 : 6.6e7 between a group's scales; what is smaller is raised
 BRIGHTEST = wp.constant(4.0)  # base colours of clouds without harmonics are clipped here
 
 
+PACKING_VERSION = 1  # of what the packed arrays mean; raise it with any change, for cache files hold them
 MEASURING_BYTES = 56  # per splat, for the first step
 
 
@@ -133,10 +137,10 @@ def quantising_bytes_per_splat(sh_degree: int) -> int:
 def quantise(open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: str, device: wp.Device) -> DeviceCloud:
     """A capture's splats, quantised and in Morton order, with the bounds of their groups.
 
-    `open_chunks` is called twice and must give `splat_count` splats of `sh_degree` both times. The result does not
-    depend on how they are cut into chunks. Raises StippleError where the two readings do not agree.
+    `open_chunks` is called twice and must give the same splats of `sh_degree` both times, at most `splat_count`. The
+    result does not depend on how they are cut into chunks. Raises StippleError where the two readings do not agree.
     """
-    measures = _measure(open_chunks, splat_count, sh_degree, name, device)
+    measures, splat_count = _measure(open_chunks, splat_count, sh_degree, name, device)
     layout = lay_out(measures, splat_count, device)
     cloud = empty_cloud(layout.place_count, sh_degree)
     cloud.is_quantised = 1
@@ -145,7 +149,7 @@ def quantise(open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: st
     del measures, layout  # before the packed arrays are allocated
     _allocate(cloud, device)
     begin = 0
-    for part in open_chunks():
+    for part in open_chunks(ARRAY_NAMES):
         _check_chunk(part, begin, splat_count, sh_degree, name)
         inputs = [_chunk(part, begin, device), place_from_source, cloud]
         launch(pack_kernel, part.splat_count, inputs, device)
@@ -155,18 +159,23 @@ def quantise(open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: st
     return cloud
 
 
-def _measure(open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: str, device: wp.Device) -> Measures:
+def _measure(
+    open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: str, device: wp.Device
+) -> tuple[Measures, int]:
+    """What the first reading keeps, and how many splats there were."""
     measures = Measures()
     measures.position = wp.empty(splat_count, dtype=wp.vec3, device=device)
     measures.scale = wp.empty(splat_count, dtype=wp.vec3, device=device)
     measures.brightness = wp.empty(splat_count if sh_degree == 0 else 0, dtype=wp.float32, device=device)
     begin = 0
-    for part in open_chunks():
+    for part in open_chunks(("position", "scale", "sh_dc") if sh_degree == 0 else ("position", "scale")):
         _check_chunk(part, begin, splat_count, sh_degree, name)
         launch(measure_kernel, part.splat_count, [_chunk(part, begin, device), measures], device)
         begin += part.splat_count
-    _check_total(begin, splat_count, name)
-    return measures
+    measures.position, measures.scale = measures.position[:begin], measures.scale[:begin]
+    if sh_degree == 0:
+        measures.brightness = measures.brightness[:begin]
+    return measures, begin
 
 
 def _ranges(measures: Measures, layout: Layout, device: wp.Device) -> SplatGroups:
@@ -196,7 +205,7 @@ def _allocate(cloud: DeviceCloud, device: wp.Device) -> None:
         cloud.packed_colour = wp.zeros(n, dtype=wp.uint32, device=device)
 
 
-def _chunk(part: SplatCloud, begin: int, device: wp.Device) -> Chunk:
+def _chunk(part: SplatCloud | SplatChunk, begin: int, device: wp.Device) -> Chunk:
     chunk = Chunk()
     chunk.begin = begin
     chunk.position = to_device(part.position, wp.vec3, device)
@@ -208,7 +217,7 @@ def _chunk(part: SplatCloud, begin: int, device: wp.Device) -> Chunk:
     return chunk
 
 
-def _check_chunk(part: SplatCloud, begin: int, splat_count: int, sh_degree: int, name: str) -> None:
+def _check_chunk(part: SplatCloud | SplatChunk, begin: int, splat_count: int, sh_degree: int, name: str) -> None:
     if part.sh_degree != sh_degree:
         raise StippleError(f"{name}: a chunk has SH degree {part.sh_degree}, the first one {sh_degree}.")
     if begin + part.splat_count > splat_count:

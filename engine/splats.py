@@ -27,6 +27,10 @@ def sh_degree_of_rest_count(rest_count: int) -> int:
     return SH_REST_COUNT.index(rest_count)
 
 
+Bounds = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+"""Smallest and largest mean along each axis [object units], two float64 arrays of shape (3,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class SplatCloud:
     """A capture: N anisotropic Gaussians with view-dependent colour, as struct-of-arrays in object space.
@@ -88,12 +92,45 @@ class SplatCloud:
         return sum(getattr(self, name).nbytes for name in ARRAY_NAMES)
 
     @cached_property
-    def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Smallest and largest mean along each axis [object units], two float64 arrays of shape (3,)."""
+    def bounds(self) -> Bounds:
+        """Of the means [object units]."""
         return self.position.min(axis=0).astype(np.float64), self.position.max(axis=0).astype(np.float64)
 
 
 ARRAY_NAMES = ("position", "scale", "rotation", "opacity", "sh_dc", "sh_rest")
+
+
+@dataclass(frozen=True, eq=False)
+class SplatChunk:
+    """Consecutive splats of a capture: the arrays of a `SplatCloud`, those that were not asked for without elements.
+
+    Unlike a cloud it may hold no splats. A cloud can stand wherever a chunk is read.
+    """
+
+    splat_count: int
+    sh_degree: int
+    position: FloatArray
+    scale: FloatArray
+    rotation: FloatArray
+    opacity: FloatArray
+    sh_dc: FloatArray
+    sh_rest: FloatArray
+
+
+def full_bytes_per_splat(sh_degree: int) -> int:
+    """What a splat takes in a `SplatCloud` [bytes]: 56 without harmonics, 236 with those of degree 3."""
+    return 4 * (14 + 3 * SH_REST_COUNT[sh_degree])
+
+
+def rest_words_of_degree(sh_degree: int) -> int:
+    """32-bit words that hold a splat's quantised coefficients: 0, 3, 6, 12 or 18."""
+    return -(-3 * SH_REST_COUNT[sh_degree] // 4)
+
+
+def packed_bytes_per_splat(sh_degree: int) -> int:
+    """What a quantised splat takes [bytes]: 21 without harmonics, 81 with those of degree 3; groups come on top."""
+    colour = 4 if sh_degree == 0 else 12 + 4 + 4 * rest_words_of_degree(sh_degree)
+    return 16 + 1 + colour
 
 
 def degenerate_mask(

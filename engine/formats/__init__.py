@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files to and from `SplatCloud`s: one file per format, and this registry that picks among them.
 
-| format | read by                                  | written by  |
-|--------|------------------------------------------|-------------|
-| `.ply` | `ply_read` (`ply_header`, `ply_layout`, `ply_rows`) | `ply_write` |
+| format | read by                                                 | written by  |
+|--------|---------------------------------------------------------|-------------|
+| `.ply` | `ply_read` (`ply_header`, `ply_layout`, `ply_rows`, `ply_convert`) | `ply_write` |
 
-What the formats share: `source_file` (opening), `atomic_file` (replacing a file in one step), `splat_format`
-(what a format is). Importing this package imports neither plyfile, Warp nor Blender.
+What the formats share: `splat_source` (an opened capture, read in chunks), `source_file` (opening), `atomic_file`
+(replacing a file in one step), `splat_format` (what a format is). Importing this package imports neither plyfile,
+Warp nor Blender.
 """
 
 from __future__ import annotations
@@ -14,15 +15,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import StippleError
+from ..progress import Progress
 from ..splats import SplatCloud
-from .ply_read import read_ply, starts_like_ply
+from .ply_read import open_ply, starts_like_ply
 from .ply_write import write_ply
 from .source_file import open_source
 from .splat_format import AnyPath, LoadedSplats, SplatFormat
+from .splat_source import SplatSource
 
-__all__ = ["FORMATS", "LoadedSplats", "read_splats", "readable_suffixes", "write_splats"]
+__all__ = ["FORMATS", "LoadedSplats", "SplatSource", "open_splats", "read_splats", "readable_suffixes", "write_splats"]
 
-FORMATS = (SplatFormat("3DGS PLY", (".ply",), starts_like_ply, read_ply, write_ply),)
+FORMATS = (SplatFormat("3DGS PLY", (".ply",), starts_like_ply, open_ply, write_ply),)
 SIGNATURE_BYTES = 64  # how much of a file's beginning a format may look at to recognise it
 
 
@@ -31,19 +34,28 @@ def readable_suffixes() -> tuple[str, ...]:
     return tuple(suffix for entry in FORMATS for suffix in entry.suffixes)
 
 
-def read_splats(path: AnyPath) -> LoadedSplats:
-    """Reads a capture; what the file begins with decides the format, its suffix only where that tells nothing.
+def open_splats(path: AnyPath) -> SplatSource:
+    """Opens a capture and reads its header; what the file begins with decides the format before its suffix does.
 
-    Splats that cannot be rendered are left out and counted (see `LoadedSplats`). Raises StippleError with one
-    sentence for a file that cannot be opened, is in no known format, or is damaged.
+    Raises StippleError with one sentence for a file that cannot be opened, is in no known format, or is damaged as far
+    as its header and its size tell.
     """
     path = Path(path)
     with open_source(path) as file:
         beginning = file.read(SIGNATURE_BYTES)
     for entry in FORMATS:
         if entry.recognises(beginning):
-            return entry.read(path)
-    return _format_of_suffix(path, "read").read(path)
+            return entry.open(path)
+    return _format_of_suffix(path, "read").open(path)
+
+
+def read_splats(path: AnyPath, progress: Progress | None = None) -> LoadedSplats:
+    """Reads a whole capture into memory.
+
+    Splats that cannot be rendered are left out and counted (see `LoadedSplats`). Raises StippleError as `open_splats`
+    and `SplatSource.read`.
+    """
+    return open_splats(path).read(progress)
 
 
 def write_splats(path: AnyPath, cloud: SplatCloud) -> None:

@@ -1,213 +1,135 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading 3DGS captures from PLY files: one pass over the rows, activated in place, unusable splats left out."""
+"""Reading 3DGS captures from PLY files in chunks: activated in place, unusable splats left out."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import groupby
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import StippleError
-from ..splats import MIN_ROTATION_NORM, FloatArray, SplatCloud, degenerate_mask
-from .ply_header import check_size, read_header, starts_like_ply
-from .ply_layout import ROTATION, SCALE, properties_of_arrays, splat_element
-from .ply_rows import Rows, read_rows
+from ..progress import Progress
+from ..splats import ARRAY_NAMES, FloatArray, SplatChunk, sh_degree_of_rest_count
+from .ply_convert import BadRows, RowConverter
+from .ply_header import PlyElement, PlyHeader, check_size, read_header, starts_like_ply
+from .ply_layout import splat_element
+from .ply_rows import Checkpoint, RowReader, Rows, open_rows
 from .source_file import open_source
-from .splat_format import AnyPath, LoadedSplats
+from .splat_format import AnyPath
+from .splat_source import Dropped, SplatSource, chunk_splats_of_degree
 
-__all__ = ["read_ply", "starts_like_ply"]
+__all__ = ["open_ply", "starts_like_ply"]
 
-REASONS_SHOWN = 5
 COMPACT_ROWS = 1 << 16
 
 
-def read_ply(path: AnyPath) -> LoadedSplats:
-    """Reads a 3DGS capture from a PLY file (ascii, binary little- or big-endian).
+def open_ply(path: AnyPath) -> SplatSource:
+    """Opens a 3DGS capture in a PLY file (ascii, binary little- or big-endian).
 
     Properties may have any order and any scalar type; normals and other properties and elements are ignored.
     scale = exp(scale_*), opacity = sigmoid(opacity), rotation = rot_* / |rot_*| (rot_0 is w), SH coefficients raw;
     all float32, so positions given as doubles lose what float32 cannot hold. A splat with a NaN or infinite value
-    (before or after activation) or a quaternion of length zero is left out; `warnings` says which properties were bad.
+    (before or after activation) or a quaternion of length zero is left out; warnings say which properties were bad.
 
-    Peak memory is the cloud plus a few MiB for binary files. Raises StippleError for a file that cannot be opened,
-    is not a splat PLY, is damaged, or has no usable splat.
+    Memory is bounded for all but files with lists among or before the splats (`ply_rows`). Raises StippleError for a
+    file that cannot be opened, is not a splat PLY, or is too short for what its header promises.
     """
     path = Path(path)
     with open_source(path) as file:
         header = read_header(file, path)
         element, rest_count = splat_element(header, path)
         check_size(header, os.fstat(file.fileno()).st_size, path)
+        return PlySource(path, header, element, rest_count, _state_of(file))
+
+
+def _state_of(file: BinaryIO) -> tuple[int, int]:
+    """What changes when a file is written to: its size [bytes] and its date [ns]."""
+    status = os.fstat(file.fileno())
+    return status.st_size, status.st_mtime_ns
+
+
+class PlySource(SplatSource):
+    """A PLY file that holds splats in `element`."""
+
+    def __init__(
+        self, path: Path, header: PlyHeader, element: PlyElement, rest_count: int, state: tuple[int, int]
+    ) -> None:
+        super().__init__(path, element.count, sh_degree_of_rest_count(rest_count))
+        self._header, self._element, self._state = header, element, state
+        self._converter = RowConverter(rest_count, element.dtype)
+
+    def chunks(
+        self,
+        arrays: Collection[str] = ARRAY_NAMES,
+        *,
+        chunk_splats: int | None = None,
+        progress: Progress | None = None,
+        dropped: Dropped | None = None,
+    ) -> Iterator[SplatChunk]:
+        dropped = Dropped() if dropped is None else dropped
+        size, kept, total = chunk_splats or chunk_splats_of_degree(self.sh_degree), 0, self.splat_count
+        with open_source(self.path) as file:
+            if _state_of(file) != self._state:
+                raise StippleError(f"{self.path}: the file changed after it was opened; try again.")
+            with open_rows(file, self.path, self._header, self._element) as reader:
+                for first in range(0, total, size):
+
+                    def checkpoint(done: int, first: int = first) -> None:
+                        if progress is not None:
+                            progress((first + done) / total, f"reading {self.name}")
+
+                    chunk = self._read_chunk(reader, min(size, total - first), arrays, checkpoint, dropped)
+                    kept += chunk.splat_count
+                    if first + size >= total and not kept:
+                        raise StippleError(
+                            f"{self.path}: all of its {total:,} splats are unusable: {dropped}; export it again."
+                        )
+                    yield chunk
+
+    def _read_chunk(
+        self, reader: RowReader, count: int, arrays: Collection[str], checkpoint: Checkpoint, dropped: Dropped
+    ) -> SplatChunk:
+        bad: list[BadRows] = []
         try:
-            splats = _Splats(element.count, rest_count, element.dtype)
-            read_rows(file, path, header, element, splats.put)
+            targets = {
+                name: np.empty((count, len(columns)), np.float32)
+                for name, columns in self._converter.properties.items()
+                if name in arrays
+            }
+
+            def put(first: int, rows: Rows) -> None:
+                block = {name: target[first : first + len(rows)] for name, target in targets.items()}
+                found = self._converter.convert(rows, block)
+                if found is not None:
+                    bad.append((first + found[0], found[1]))
+
+            reader.read(count, put, checkpoint)
         except MemoryError as error:
-            raise StippleError(
-                f"{path}: there is too little memory for {element.count:,} splats; free some."
-            ) from error
+            raise StippleError(f"{self.path}: there is too little memory for {count:,} splats; free some.") from error
         except OSError as error:
-            raise StippleError(f"{path}: it cannot be read ({error.strerror}); copy it again.") from error
-    dropped, reasons = splats.drop_bad()
-    if dropped == element.count:
-        raise StippleError(f"{path}: all of its {dropped:,} splats are unusable: {reasons}; export it again.")
-    warnings = (f"{path}: {dropped:,} of {element.count:,} splats were left out: {reasons}.",) if dropped else ()
-    return LoadedSplats(splats.cloud(path.stem), dropped, warnings)
+            raise StippleError(f"{self.path}: it cannot be read ({error.strerror}); copy it again.") from error
+        return self._without_bad(targets, count, bad, dropped)
 
-
-class _Splats:
-    """The arrays of a cloud while they are filled, block by block, from up to two threads.
-
-    `arrays` are (N, columns); the columns of each are the properties in `properties`.
-    """
-
-    def __init__(self, count: int, rest_count: int, dtype: np.dtype[np.void]) -> None:
-        self.properties = properties_of_arrays(rest_count)
-        self.runs = _Runs.of(dtype, {name for columns in self.properties.values() for name in columns})
-        self.arrays: dict[str, FloatArray] = {
-            name: np.empty((count, len(columns)), np.float32) for name, columns in self.properties.items()
-        }
-        self.indices = {
-            name: np.array([self.runs.names.index(column) for column in columns], np.intp)
-            for name, columns in self.properties.items()
-        }
-        self.bad: list[tuple[npt.NDArray[np.intp], Counter[str]]] = []
-
-    def put(self, first: int, rows: Rows) -> None:
-        """Converts and activates the rows that become splats `first` and following."""
-        with np.errstate(all="ignore"):  # values that overflow are found below; the state belongs to the thread
-            raw = self.runs.float_matrix(rows)
-            block = {name: array[first : first + len(rows)] for name, array in self.arrays.items()}
-            for name, target in block.items():
-                if target.shape[1]:
-                    np.take(raw, self.indices[name], axis=1, out=target, mode="clip")
-            # One sum per array is much cheaper than a test per value; a sum that overflows only costs the full test.
-            usable = all(np.isfinite(target.sum()) for name, target in block.items() if name != "rotation")
-            if not usable:
-                for name in ("scale", "opacity"):  # exp(-inf) would be a finite 0
-                    block[name][np.isinf(block[name])] = np.nan
-            _activate(block["scale"], block["opacity"])
-            norm = _normalise(block["rotation"])
-            usable &= bool(np.isfinite(block["scale"].sum()))
-            if not (usable and np.min(norm) >= MIN_ROTATION_NORM and np.isfinite(np.max(norm))):
-                self._note_bad(first, raw, block, norm)
-
-    def _note_bad(self, first: int, raw: FloatArray, block: dict[str, FloatArray], norm: FloatArray) -> None:
-        # Sums again, by row, so that the test of every value is for a few rows only.
-        suspect = ~np.isfinite(raw.sum(axis=1)) | ~np.isfinite(block["scale"].sum(axis=1))
-        suspect |= ~(norm >= MIN_ROTATION_NORM) | ~np.isfinite(norm)
-        rows = np.flatnonzero(suspect)
-        few = {name: array[rows] for name, array in block.items()}
-        sh = np.concatenate([few["sh_dc"], few["sh_rest"]], axis=1)
-        rotation = raw[rows][:, self.indices["rotation"]]
-        bad = degenerate_mask(few["position"], few["scale"], rotation, few["opacity"][:, 0], sh)
-        if bad.any():
-            self.bad.append((first + rows[bad], self._reasons(raw[rows[bad]], few["scale"][bad])))
-
-    def _reasons(self, raw: FloatArray, scale: FloatArray) -> Counter[str]:
-        """How many of these bad splats each property spoils."""
-        infinite = ~np.isfinite(raw)
-        reasons: Counter[str] = Counter()
-        for name, columns in self.properties.items():
-            for column, index in zip(columns, self.indices[name], strict=True):
-                reasons[f"{column} is not finite"] += int(infinite[:, index].sum())
-        overflows = ~np.isfinite(scale) & ~infinite[:, self.indices["scale"]]
-        for axis, column in enumerate(SCALE):
-            reasons[f"{column} is too large"] += int(overflows[:, axis].sum())
-        rotation = raw[:, self.indices["rotation"]]
-        norm = np.sqrt(np.square(rotation).sum(axis=1))
-        zero = ~infinite[:, self.indices["rotation"]].any(axis=1) & ~((norm >= MIN_ROTATION_NORM) & np.isfinite(norm))
-        reasons[f"the quaternion {ROTATION[0]} … {ROTATION[-1]} has no direction"] += int(zero.sum())
-        return +reasons
-
-    def drop_bad(self) -> tuple[int, str]:
-        """Removes the unusable splats, keeping the order of the others; says how many and why."""
-        if not self.bad:
-            return 0, ""
-        keep = np.ones(len(self.arrays["position"]), np.bool_)
-        reasons: Counter[str] = Counter()
-        for rows, counts in self.bad:
-            keep[rows] = False
-            reasons += counts
-        self.arrays = {name: _compact(array, keep) for name, array in self.arrays.items()}
-        shown = [f"{reason} in {count:,}" for reason, count in sorted(reasons.items(), key=lambda item: -item[1])]
-        more = len(shown) - REASONS_SHOWN
-        text = ", ".join(shown[:REASONS_SHOWN]) + (f" and {more} more" if more > 0 else "")
-        return int(len(keep) - keep.sum()), text
-
-    def cloud(self, name: str) -> SplatCloud:
-        arrays = dict(self.arrays)
-        arrays["opacity"] = arrays["opacity"][:, 0]
-        arrays["sh_rest"] = arrays["sh_rest"].reshape(len(arrays["position"]), -1, 3)
-        return SplatCloud(**arrays, name=name)
-
-
-def _activate(scale: FloatArray, opacity: FloatArray) -> None:
-    """exp of scales and sigmoid of opacities, in place."""
-    np.exp(scale, out=scale)
-    np.negative(opacity, out=opacity)
-    np.exp(opacity, out=opacity)
-    opacity += 1.0
-    np.reciprocal(opacity, out=opacity)
-
-
-def _normalise(rotation: FloatArray) -> FloatArray:
-    """Makes quaternions (N, 4) unit quaternions, in place; returns the lengths (N,) they had.
-
-    Column by column: reductions and broadcasts over an axis of four are several times slower in NumPy.
-    """
-    norm: FloatArray = np.square(rotation[:, 0])
-    for axis in range(1, 4):
-        norm += np.square(rotation[:, axis])
-    np.sqrt(norm, out=norm)
-    inverse = np.reciprocal(norm)
-    for axis in range(4):
-        rotation[:, axis] *= inverse
-    return norm
-
-
-@dataclass(frozen=True)
-class _Runs:
-    """A row as runs of neighbouring properties of one type: `x y z` and all other float32 ones are one run.
-
-    Runs without a property that is needed are left out; `names` are the properties of the others, in order. `dtype`
-    has one opaque field per run, for whole runs are copied fastest; `kinds` are the runs' NumPy types.
-    """
-
-    dtype: np.dtype[np.void]
-    kinds: tuple[np.dtype[np.generic], ...]
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, dtype: np.dtype[np.void], needed: set[str]) -> _Runs:
-        runs = [(kind, tuple(same)) for kind, same in groupby(dtype.names or (), key=lambda name: dtype[name])]
-        runs = [(kind, names) for kind, names in runs if needed.intersection(names)]
-        fields: Mapping[str, Any] = dtype.fields or {}
-        layout: dict[str, Any] = {
-            "names": [names[0] for _, names in runs],
-            "formats": [f"V{kind.itemsize * len(names)}" for kind, names in runs],
-            "offsets": [fields[names[0]][1] for _, names in runs],
-            "itemsize": dtype.itemsize,
-        }
-        opaque = np.dtype(layout)  # type: ignore[call-overload]
-        return cls(opaque, tuple(kind for kind, _ in runs), tuple(name for _, names in runs for name in names))
-
-    def float_matrix(self, rows: Rows) -> FloatArray:
-        """The properties `names` of the rows as native float32 (N, names)."""
-        matrix = np.empty((len(rows), len(self.names)), np.float32)
-        column = 0
-        for name, kind in zip(self.dtype.names or (), self.kinds, strict=True):
-            values = np.array(rows.view(self.dtype)[name]).view(kind).reshape(len(rows), -1)
-            if kind == np.float32 and values.shape == matrix.shape:
-                return values
-            matrix[:, column : column + values.shape[1]] = values
-            column += values.shape[1]
-        return matrix
+    def _without_bad(
+        self, targets: dict[str, FloatArray], count: int, bad: list[BadRows], dropped: Dropped
+    ) -> SplatChunk:
+        if bad:
+            keep = np.ones(count, np.bool_)
+            for rows, reasons in sorted(bad, key=lambda found: int(found[0][0])):  # threads finish in any order
+                keep[rows] = False
+                dropped.reasons.update(reasons)
+            kept = int(keep.sum())
+            dropped.count += count - kept
+            targets, count = {name: _compact(array, keep) for name, array in targets.items()}, kept
+        columns = {name: len(columns) for name, columns in self._converter.properties.items()}
+        shaped = {name: targets.get(name, np.empty((0, columns[name]), np.float32)) for name in ARRAY_NAMES}
+        shaped["opacity"] = shaped["opacity"][:, 0]
+        shaped["sh_rest"] = shaped["sh_rest"].reshape(len(shaped["sh_rest"]), columns["sh_rest"] // 3, 3)
+        return SplatChunk(splat_count=count, sh_degree=self.sh_degree, **shaped)
 
 
 def _compact(array: FloatArray, keep: npt.NDArray[np.bool_]) -> FloatArray:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opening a file to read, with one clear sentence for everything that can be wrong before its first byte."""
+"""Opening a file to read, with one clear sentence for everything that can be wrong before its first byte; reading."""
 
 from __future__ import annotations
 
+import os
 import stat
+import threading
 from pathlib import Path
 from typing import BinaryIO
 
@@ -31,3 +33,25 @@ def open_source(path: Path) -> BinaryIO:
         raise StippleError(f"{path}: there is no permission to read it; change the file's permissions.") from error
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise StippleError(f"{path}: it cannot be opened ({error}); check the path.") from error
+
+
+_seeking = threading.Lock()
+
+
+def read_at(file: BinaryIO, offset: int, target: memoryview) -> int:
+    """Fills `target` with the bytes from `offset` on; returns how many there were, fewer only at the file's end.
+
+    Several threads may read one file at once. Lets OSError through.
+    """
+    filled = 0
+    while filled < len(target):
+        if hasattr(os, "preadv"):
+            count = os.preadv(file.fileno(), [target[filled:]], offset + filled)
+        else:  # Windows
+            with _seeking:
+                file.seek(offset + filled)
+                count = file.readinto(target[filled:])  # type: ignore[attr-defined]
+        if not count:
+            break
+        filled += count
+    return filled

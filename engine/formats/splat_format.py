@@ -7,8 +7,12 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..splats import SplatCloud
+
+if TYPE_CHECKING:
+    from .splat_source import SplatSource
 
 AnyPath = str | os.PathLike[str]
 
@@ -33,11 +37,11 @@ class SplatFormat:
 
     - `name`: as the user knows it; `suffixes`: lower case, with the dot.
     - `recognises`: whether a file that begins with these bytes is of this format.
-    - `read`, `write`: raise StippleError; `write` replaces the file in one step.
+    - `open`, `write`: raise StippleError; `open` reads the header, `write` replaces the file in one step.
     """
 
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
-    read: Callable[[Path], LoadedSplats]
+    open: Callable[[Path], SplatSource]
     write: Callable[[Path, SplatCloud], None]

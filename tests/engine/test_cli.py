@@ -23,7 +23,7 @@ pytest.importorskip("rich")
 
 from stipple.engine.cli import main
 from stipple.engine.cli_frames import numbered
-from stipple.engine.cli_info import byte_size
+from stipple.engine.memory import byte_size
 
 QUICK = ["--size", "48x32", "--device", "cpu"]
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -13,11 +13,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from stipple.engine.device import choose_device
-from stipple.engine.device_cloud import DeviceCloud, packed_bytes_per_splat, upload_cloud
+from stipple.engine.device_cloud import DeviceCloud, upload_cloud
 from stipple.engine.errors import StippleError
 from stipple.engine.group_bounds import bound_groups
 from stipple.engine.quantise import quantise
-from stipple.engine.splats import ARRAY_NAMES, SH_REST_COUNT, SplatCloud
+from stipple.engine.splats import ARRAY_NAMES, SH_REST_COUNT, SplatCloud, packed_bytes_per_splat
 from tests.device_clouds import boxes, covariance_of, read_back
 from tests.scenes import cloud_of
 
@@ -44,7 +44,7 @@ def part_of(cloud: SplatCloud, begin: int, end: int) -> SplatCloud:
 def packed(cloud: SplatCloud, device: Any, pieces: int = 1) -> DeviceCloud:
     cuts = np.linspace(0, cloud.splat_count, pieces + 1).astype(int)
 
-    def chunks() -> Iterator[SplatCloud]:
+    def chunks(_arrays: Collection[str]) -> Iterator[SplatCloud]:
         return (part_of(cloud, begin, end) for begin, end in pairwise(cuts))
 
     return quantise(chunks, cloud.splat_count, cloud.sh_degree, cloud.name, device)
@@ -166,4 +166,4 @@ def test_a_file_that_changes_between_readings_is_refused(warp_device: Any) -> No
     shorter = part_of(cloud, 0, 900)
     readings = iter([[cloud], [shorter]])
     with pytest.raises(StippleError, match=r"900 splats, 1,000 at first"):
-        quantise(lambda: next(readings), 1_000, 0, "changing", warp_device)
+        quantise(lambda _arrays: next(readings), 1_000, 0, "changing", warp_device)
