@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from .capture_file import LARGE_SPLATS
 from .cli_types import background_of, camera_of, size_of
 from .orbit import UP_AXES
 from .settings import CULLING, METHODS, MULTISAMPLES, RAY_ORDERS, STORAGE, Settings
@@ -75,6 +76,8 @@ OUTPUT_OPTIONS = (
            required=True, type=click.Path(path_type=Path), metavar="PATH"),
     option("--background", "sRGB-encoded, each from 0 to 1.", callback=background_of, default="transparent",
            metavar="R,G,B|transparent"),
+    option("--stream-above", "Captures of more splats are not read into memory; their splats go to the device chunk by "
+           "chunk, quantised.", type=click.IntRange(min=0), default=LARGE_SPLATS, metavar="SPLATS"),
     option("--quiet", "No progress bar and no summary; warnings stay.", is_flag=True),
 )  # fmt: skip
 
@@ -114,8 +117,11 @@ def command() -> None:
 def info(file: Path, json: bool) -> None:
     """Show what is in a capture FILE."""
     from .cli_info import as_json, as_text, describe
+    from .cli_notices import Notices
 
-    facts = describe(file)
+    notices = Notices(quiet=False)
+    with notices.progress:
+        facts = describe(file, notices.report)
     for warning in facts["warnings"]:
         click.echo(f"warning: {warning}", err=True)
     click.echo(as_json(facts) if json else as_text(facts))
@@ -139,5 +145,6 @@ def render(**options: Any) -> None:
             background=options["background"],
             settings=Settings(**{name: options[name] for name in SETTING_NAMES}),
             quiet=options["quiet"],
+            stream_above=options["stream_above"],
         )
     )

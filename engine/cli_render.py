@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
+from .capture_file import CaptureFile
 from .cli_frames import OrbitOptions, View, check_choice, has_number, numbered, views_around, views_of_file
-from .cli_info import byte_size
+from .cli_notices import Notices
 from .cli_types import CameraChoice
 from .errors import StippleError
-from .formats import read_splats
+from .formats import open_splats
 from .formats.cameras_file import CameraFile, read_camera_file
+from .memory import byte_size, host_free_bytes
 from .pictures import check_writable, write_picture
 from .scene import Instance, Scene
 from .settings import Settings
@@ -40,34 +38,7 @@ class RenderJob:
     background: tuple[float, float, float] | None
     settings: Settings
     quiet: bool
-
-
-class Notices:
-    """Everything that goes to the error stream while a job runs: the progress bar, and each warning once.
-
-    The bar shows on a terminal only.
-    """
-
-    def __init__(self, quiet: bool) -> None:
-        self._console = Console(stderr=True, highlight=False, emoji=False)
-        self._said: set[str] = set()
-        self.progress = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f}%"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=self._console,
-            disable=quiet or not self._console.is_terminal,
-            transient=True,
-            redirect_stdout=sys.stdout.isatty(),  # or a summary that is piped to a file would go to the terminal
-        )
-
-    def warn(self, warnings: Sequence[str]) -> None:
-        for warning in warnings:
-            if warning not in self._said:
-                self._said.add(warning)
-                self._console.print(f"warning: {warning}", markup=False, soft_wrap=True)
+    stream_above: int  # splats; captures of more stay in their file
 
 
 def run(job: RenderJob) -> None:
@@ -82,12 +53,11 @@ def run(job: RenderJob) -> None:
     file_views = _views_of_file(job, camera_file)
     notices = Notices(job.quiet)
     with notices.progress:
-        task = notices.progress.add_task("reading", total=None)
         notices.warn(camera_file.warnings if camera_file else ())
-        clouds = _read_clouds(job.files, notices)
-        views = file_views or views_around(clouds, job.orbit, job.size)
+        clouds = _open_clouds(job, notices)
+        views = file_views or views_around(_samples(clouds, notices), job.orbit, job.size)
         scene = Scene(tuple(Instance(cloud, name=cloud.name) for cloud in clouds), job.background)
-        notices.progress.update(task, description="starting", total=len(views))
+        notices.start(len(views))
         renderer = _new_renderer(job.settings.device)
         try:
             for done, view in enumerate(views):
@@ -124,22 +94,37 @@ def _views_of_file(job: RenderJob, camera_file: CameraFile | None) -> tuple[View
     return views_of_file(camera_file, job.camera.index, has_number(job.out), job.size)
 
 
-def _read_clouds(files: Sequence[Path], notices: Notices) -> list[SplatCloud]:
-    clouds = []
-    for file in files:
-        loaded = read_splats(file)
+def _open_clouds(job: RenderJob, notices: Notices) -> list[SplatCloud | CaptureFile]:
+    """Small captures in memory; of large ones the header, and a line on what they will take."""
+    clouds: list[SplatCloud | CaptureFile] = []
+    for file in job.files:
+        source = open_splats(file)
+        if source.splat_count > job.stream_above:
+            capture = CaptureFile.open(file)
+            size, packed = byte_size(capture.fingerprint.file_bytes), byte_size(capture.packed_bytes)
+            notices.say(
+                f"{file}: {capture.splat_count:,} splats, {size}, stays in its file; {packed} on the device, "
+                f"{byte_size(host_free_bytes())} of memory are free"
+            )
+            clouds.append(capture)
+            continue
+        loaded = source.read(notices.report)
         notices.warn(loaded.warnings)
         clouds.append(loaded.cloud)
     return clouds
 
 
+def _samples(clouds: Sequence[SplatCloud | CaptureFile], notices: Notices) -> list[SplatCloud]:
+    """What the clouds are framed by; of large captures a sample, for which they are read once."""
+    return [cloud if isinstance(cloud, SplatCloud) else cloud.survey(notices.report).sample for cloud in clouds]
+
+
 def _render_view(renderer: Renderer, scene: Scene, view: View, job: RenderJob, notices: Notices, done: int) -> Picture:
     """One picture; the bar counts pictures, and this one's fraction moves it on."""
-    task = notices.progress.tasks[0]
-    prefix = f"{done + 1}/{int(task.total or 1)} " if task.total != 1 else ""
+    prefix = f"{done + 1}/{notices.total} " if notices.total != 1 else ""
 
     def report(fraction: float, text: str) -> None:
-        notices.progress.update(task.id, completed=done + fraction, description=f"{prefix}{text}")
+        notices.report(done + fraction, f"{prefix}{text}")
 
     return renderer.render(scene, view.camera, job.settings, report)
 

@@ -19,7 +19,8 @@ import warp as wp
 
 from .buffers import Buffers
 from .camera import Camera
-from .cloud_upload import DeviceSource, Progress, upload_any
+from .capture_file import CaptureFile
+from .cloud_upload import DeviceSource, upload_any
 from .device import choose_device
 from .device_cloud import DeviceCloud
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
@@ -28,6 +29,7 @@ from .occlusion import OcclusionMemory
 from .placements import place
 from .points.method import PointsFrame
 from .points.resolve import BYTES_PER_SUBPIXEL
+from .progress import Progress
 from .rays.host import RasterHost
 from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
@@ -203,6 +205,8 @@ class Frame:
         stats.splats_visible = self.method.splats_visible
         stats.points, stats.blends = self.method.points, self.method.blends
         stats.warnings = self.method.warnings
+        captures = (instance.cloud for instance in self._scene.instances if isinstance(instance.cloud, CaptureFile))
+        stats.warnings += tuple(dict.fromkeys(warning for capture in captures for warning in capture.warnings))
         if self.method.splats_visible == 0 and self._scene.splat_count:
             stats.warnings += (
                 f"None of the {self._scene.splat_count:,} splats can be seen: they are behind the camera, outside its "
