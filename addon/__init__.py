@@ -10,18 +10,31 @@ import atexit
 
 import bpy
 
-from . import graphics_context, properties, render_engine, residency, ui
-from .operators import apply_transform, import_cameras, import_splats
+from . import (
+    capture_panel,
+    graphics_context,
+    linked_capture,
+    preferences,
+    properties,
+    render_engine,
+    residency,
+    ui,
+)
+from .operators import apply_transform, import_cameras, import_splats, link_captures
 
 PARTS = (  # in order; undone in reverse
+    preferences,
     properties,
+    linked_capture,
     residency,
     graphics_context,
     import_splats,
+    link_captures,
     import_cameras,
     apply_transform,
     render_engine,
     ui,
+    capture_panel,
 )
 
 

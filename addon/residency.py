@@ -10,13 +10,18 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
 import bpy
 from bpy.app.handlers import persistent
 
+from ..engine.capture_file import CaptureFile
+from ..engine.errors import StippleError
 from ..engine.splats import SplatCloud
+from .linked_capture import path_of, problem_of
+from .preferences import cache_places
 from .splat_data import CloudKey, cloud_from_datablock, key_of, splat_count_of
 from .viewport_worker import ViewportWorker
 
@@ -83,6 +88,27 @@ class CloudCache:
         self._key_of_address.clear()
 
 
+class LinkedCaptures:
+    """Linked files by path: the same CaptureFile from frame to frame, as long as the file is the same."""
+
+    def __init__(self) -> None:
+        self._captures: dict[Path, CaptureFile] = {}
+
+    def capture_of(self, b_data: Any, name: str) -> CaptureFile:
+        """What a linked datablock stands for, as it is on disk now. Raises StippleError where it cannot be read."""
+        problem = problem_of(b_data, name)
+        path = path_of(b_data)
+        if problem or path is None:
+            raise StippleError(problem)
+        capture = self._captures.get(path)
+        if capture is None or capture.has_changed():
+            capture = self._captures[path] = CaptureFile.open(path, cache_places())
+        return capture
+
+    def free(self) -> None:
+        self._captures.clear()
+
+
 class EvaluatedClouds:
     """The clouds of one viewport, where a depsgraph stays and says what changed: nothing else is read again."""
 
@@ -111,6 +137,7 @@ class EvaluatedClouds:
 
 
 clouds = CloudCache()
+linked = LinkedCaptures()
 _renderers: dict[str, Renderer] = {}  # of final renders, by device; at most one
 _prepared: set[tuple[str, str]] = set()
 
@@ -162,6 +189,7 @@ def free() -> None:
     worker.stop()
     free_renderer()
     clouds.free()
+    linked.free()
     if _prepared:  # else Warp was never imported
         from ..engine.device import close_pools
 

@@ -127,6 +127,17 @@ def _new_points(name: str, count: int) -> Any:
     return b_mesh
 
 
+def resize_points(b_data: Any, count: int) -> None:
+    """Makes a datablock of this module have `count` points; what its attributes hold is undefined after that."""
+    if splat_count_of(b_data) == count:
+        return
+    if isinstance(b_data, bpy.types.PointCloud):
+        b_data.resize(count)
+        return
+    b_data.clear_geometry()
+    b_data.vertices.add(count)
+
+
 def _base_type() -> str:
     types = bpy.types.Attribute.bl_rna.properties["data_type"].enum_items
     return "FLOAT4" if "FLOAT4" in types else "FLOAT_COLOR"

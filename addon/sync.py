@@ -10,14 +10,21 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ..engine.capture_file import CaptureFile
 from ..engine.colour import display_from_scene_linear
+from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
 from ..engine.settings import Settings
-from .residency import CloudCache, Entry, EvaluatedClouds
+from ..engine.splats import SplatCloud
+from .linked_capture import is_linked
+from .residency import CloudCache, EvaluatedClouds, linked
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
 ALL_SH_DEGREES = 4
 DEVICE = {"AUTO": "auto", "CPU": "cpu", "CUDA": "cuda:0"}
+
+Shown = tuple[SplatCloud | CaptureFile | None, int]
+"""What an object shows, and how many of its splats are left out."""
 
 
 def scene_from_depsgraph(depsgraph: Any, cache: CloudCache) -> tuple[Scene, tuple[str, ...]]:
@@ -26,12 +33,16 @@ def scene_from_depsgraph(depsgraph: Any, cache: CloudCache) -> tuple[Scene, tupl
     Reads `object_instances`, so collection instances, Geometry Nodes instances and duplicators count, each with its
     own matrix. What is hidden from renders is not in a render's depsgraph; what is hidden from the camera (*Ray
     Visibility*) and instances squashed to nothing are skipped. Raises StippleError for a capture with broken
-    attributes.
+    attributes and for a linked one whose file is missing: a frame without it must not pass for the right one.
     """
+
+    def cloud_of(b_instance: Any, b_object: Any) -> Shown:
+        if is_linked(b_object.data):
+            return linked.capture_of(b_object.data, b_object.name), 0
+        return cache.cloud_of(b_object.data, b_object.name)
+
     with cache.reading(keep=sum(b_layer.use for b_layer in depsgraph.scene.view_layers) or 1):
-        instances, warnings = _instances(
-            depsgraph, lambda b_instance, b_object: cache.cloud_of(b_object.data, b_object.name)
-        )
+        instances, warnings = _instances(depsgraph, cloud_of)
     return Scene(instances, background_of(depsgraph.scene)), warnings
 
 
@@ -40,18 +51,26 @@ def viewport_instances(
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """As `scene_from_depsgraph` for what one viewport shows: local view and the viewport's object types count.
 
-    Reads again only captures that are new or whose geometry is in `changed` (session_uids).
+    Reads again only captures that are new or whose geometry is in `changed` (session_uids). Of a linked capture whose
+    file cannot be read the proxy is shown, with a warning.
     """
+    problems: dict[str, None] = {}
 
-    def cloud_of(b_instance: Any, b_object: Any) -> Entry:
+    def cloud_of(b_instance: Any, b_object: Any) -> Shown:
         b_shown = b_instance.parent if b_instance.is_instance else b_object
         if not b_shown.visible_in_viewport_get(b_space):
             return None, 0
+        if is_linked(b_object.data):
+            try:
+                return linked.capture_of(b_object.data, b_object.name), 0
+            except StippleError as error:
+                problems[str(error)] = None
         uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
         return known.cloud_of(b_object.data, b_object.name, uids)
 
     with known.reading(changed):
-        return _instances(depsgraph, cloud_of)
+        instances, warnings = _instances(depsgraph, cloud_of)
+    return instances, (*problems, *warnings)
 
 
 def changed_geometry(depsgraph: Any) -> set[int]:
@@ -59,7 +78,7 @@ def changed_geometry(depsgraph: Any) -> set[int]:
     return {b_update.id.original.session_uid for b_update in depsgraph.updates if b_update.is_updated_geometry}
 
 
-def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Entry]) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     instances: list[Instance] = []
     warnings: dict[str, None] = {}
     for b_instance in depsgraph.object_instances:

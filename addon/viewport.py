@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from ..engine.colour import scene_linear_from_display
 from ..engine.errors import Cancelled, StippleError
+from ..engine.progress import Progress
 from ..engine.scene import Scene
 from ..engine.settings import Settings
 from .view_camera import Rect, ViewportView
@@ -33,6 +34,8 @@ COARSEST = 4  # divider of the size: below a quarter, projecting and sorting cos
 WAIT = 0.04  # [s] a redraw may wait for the picture of the new view, which then moves with the overlays
 SHOW_INTERVAL = 0.06  # [s] at least between pictures of one accumulation: each is read back, converted and redrawn
 SHOW_GROWTH = 1.5  # samples of a picture over those of the one before: later samples change less and less
+LONG = 0.5  # [s] after which a frame that is not begun yet says what it is doing
+SAY_INTERVAL = 0.25  # [s] between such words: each is a redraw
 POINTS_PER_LAUNCH = 1 << 20  # [max_points] so that a launch ends soon after the aim changed
 
 
@@ -190,7 +193,7 @@ class ViewportSession:
     def _wants_small(self, aim: Aim) -> bool:
         return self.divider > 1 and self._small != aim
 
-    def _show_small(self, aim: Aim, renderer: Renderer, progress: Callable[[float, str], None]) -> None:
+    def _show_small(self, aim: Aim, renderer: Renderer, progress: Progress) -> None:
         divider = self.divider
         begin = time.perf_counter()
         frame = self._begin(aim, renderer, divider, replace(aim.settings, supersampling=1), progress)
@@ -203,7 +206,7 @@ class ViewportSession:
         elif seconds < FAST:
             self.divider = divider // 2
 
-    def _add_sample(self, aim: Aim, renderer: Renderer, progress: Callable[[float, str], None]) -> None:
+    def _add_sample(self, aim: Aim, renderer: Renderer, progress: Progress) -> None:
         begin = time.perf_counter()
         if self._frame is None or self._frame[0] != aim:
             self._frame = (aim, self._begin(aim, renderer, 1, aim.settings, progress))
@@ -221,14 +224,26 @@ class ViewportSession:
         if done:
             self._finished, self._frame = aim, None
 
-    def _begin(
-        self, aim: Aim, renderer: Renderer, divider: int, settings: Settings, progress: Callable[[float, str], None]
-    ) -> Frame:
+    def _begin(self, aim: Aim, renderer: Renderer, divider: int, settings: Settings, progress: Progress) -> Frame:
         from ..engine.renderer import Frame
 
         self._frame = None  # its buffers are about to be used again
         settings = replace(settings, max_points=POINTS_PER_LAUNCH if not renderer.device.is_cuda else 1 << 24)
-        return Frame(renderer, aim.scene, aim.view.camera(divider), settings, progress)
+        return Frame(renderer, aim.scene, aim.view.camera(divider), settings, self._saying(progress))
+
+    def _saying(self, progress: Progress) -> Progress:
+        """`progress`, and words to the user when it takes long: a large capture is read."""
+        begun = said = time.monotonic()
+
+        def saying(fraction: float, text: str) -> None:
+            nonlocal said
+            progress(fraction, text)
+            now = time.monotonic()
+            if now > begun + LONG and now > said + SAY_INTERVAL:
+                said = now
+                self.say(f"{text[:1].upper()}{text[1:]} {fraction:.0%}")
+
+        return saying
 
     def _show(self, aim: Aim, frame: Frame, divider: int, seconds: float, limit: int) -> None:
         picture = frame.resolve()

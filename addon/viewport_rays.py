@@ -12,7 +12,8 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ..engine.errors import StippleError
+from ..engine.errors import Cancelled, StippleError
+from ..engine.progress import Progress
 from .viewport import COARSEST, WAIT, Aim, ViewportSession
 
 if TYPE_CHECKING:
@@ -121,9 +122,17 @@ class RaysViewportSession(ViewportSession):
 
             # The coarsest picture's pixels are the largest, and with them the reach of a splat's filter.
             camera = aim.view.camera(COARSEST)
-            order = find_order(renderer.shot(aim.scene, camera, aim.settings, StageTimer(renderer.device)))
+            timer, progress = StageTimer(renderer.device), self._saying(self._unless_ended(interrupted))
+            order = find_order(renderer.shot(aim.scene, camera, aim.settings, timer, progress))
             with self._ordered:
                 self._order = (aim, order)
                 self._ordered.notify_all()
         self._asked = True
         self.redraw()
+
+    def _unless_ended(self, interrupted: Callable[[], bool]) -> Progress:
+        def progress(fraction: float, text: str) -> None:
+            if self.closed or interrupted():
+                raise Cancelled
+
+        return progress

@@ -12,6 +12,7 @@ from mathutils import Matrix
 
 from ...engine.edit.transform import transform_cloud
 from ...engine.errors import StippleError
+from ..linked_capture import is_linked
 from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, write_cloud
 
 
@@ -55,6 +56,8 @@ def _bake(b_object: Any, with_location: bool) -> tuple[Matrix, Any]:
     """The matrix that is baked and the cloud it makes; changes nothing. Raises StippleError for unsuitable data."""
     if not b_object.data.is_editable:
         raise StippleError(f"{b_object.name}: its data is linked from another file; make it local first.")
+    if is_linked(b_object.data):
+        raise StippleError(f"{b_object.name}: its splats are in a linked file, which Blender does not change.")
     if b_object.data.users > 1:
         users = b_object.data.users
         raise StippleError(

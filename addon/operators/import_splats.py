@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import CollectionProperty, EnumProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...engine.errors import StippleError
+from ...engine.errors import Cancelled, StippleError
+from ..preferences import link_above
 from ..splat_data import SOURCE_PROPERTY, datablock_from_cloud
+from .link_captures import linked_data_from_file, shown_progress
 
 HALF_TURN = math.pi
 QUARTER_TURN = math.pi / 2
@@ -59,6 +61,12 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         items=UP_AXES,
         default="NEGATIVE_Y",
     )
+    link: BoolProperty(  # type: ignore[valid-type]
+        name="Link",
+        description="Leave the splats in the file and keep only its path and a few points here. "
+        "Captures above the limit in the preferences are always linked",
+        default=False,
+    )
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         return self.invoke_popup(context)
@@ -67,6 +75,7 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         self.layout.prop(self, "up_axis")
+        self.layout.prop(self, "link")
 
     def execute(self, context: Any) -> set[str]:
         """One object per file, each whole or not at all; a file that cannot be read does not stop the others."""
@@ -88,6 +97,8 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
             return self._object_from_file(context, path)
         except StippleError as error:
             self.report({"ERROR"}, str(error))
+        except (Cancelled, KeyboardInterrupt):
+            self.report({"WARNING"}, f"{path.name}: cancelled; it is not imported.")
         except MemoryError:
             self.report({"ERROR"}, f"{path.name}: there is not enough memory to import it.")
         except Exception as error:
@@ -96,11 +107,19 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         return None
 
     def _object_from_file(self, context: Any, path: Path) -> Any:
-        from ...engine.formats import read_splats
+        from ...engine.formats import open_splats
 
-        loaded = read_splats(path)
-        b_data = datablock_from_cloud(loaded.cloud, path.stem)
-        b_data[SOURCE_PROPERTY] = str(path)
+        source = open_splats(path)
+        linked = self.link or source.splat_count > link_above()
+        if linked:
+            b_data, warnings = linked_data_from_file(context, path)
+            count = b_data.stipple_capture.splat_count
+        else:
+            with shown_progress(context) as progress:
+                loaded = source.read(progress)
+            b_data, warnings, count = datablock_from_cloud(loaded.cloud, path.stem), loaded.warnings, source.splat_count
+            count -= loaded.dropped
+            b_data[SOURCE_PROPERTY] = str(path)
         b_object = bpy.data.objects.new(path.stem, b_data)
         b_object.rotation_euler = ROTATION_OF_UP_AXIS[self.up_axis]
         try:
@@ -108,9 +127,9 @@ class IMPORT_SCENE_OT_splats(bpy.types.Operator, ImportHelper):
         except RuntimeError:
             bpy.data.batch_remove([b_object, b_data])
             raise StippleError("The active collection is linked from another file; choose one of this file.") from None
-        for warning in loaded.warnings:  # among them the splats left out, counted
+        for warning in warnings:  # among them the splats left out, counted
             self.report({"WARNING"}, warning)
-        self.report({"INFO"}, f"{path.name}: imported {loaded.cloud.splat_count:,} splats.")
+        self.report({"INFO"}, f"{path.name}: {'linked' if linked else 'imported'} {count:,} splats.")
         return b_object
 
 
