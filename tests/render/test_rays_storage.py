@@ -43,7 +43,7 @@ class OnDevice:
         return self.made_of.bounds
 
     def upload(self, device: Any, progress: Any) -> DeviceCloud:
-        return quantise(lambda: [self.made_of], self.splat_count, self.sh_degree, self.name, device)
+        return quantise(lambda _arrays: [self.made_of], self.splat_count, self.sh_degree, self.name, device)
 
 
 def picture(rays: Renderer, scene: Scene, storage: str = "full", order: str = "sorted") -> np.ndarray:
