@@ -10,7 +10,6 @@ import numpy as np
 from bpy.props import BoolProperty
 from mathutils import Matrix
 
-from ...engine.edit.transform import transform_cloud
 from ...engine.errors import StippleError
 from ..linked_capture import is_linked
 from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, write_cloud
@@ -54,6 +53,8 @@ def _is_capture_object(b_object: Any) -> bool:
 
 def _bake(b_object: Any, with_location: bool) -> tuple[Matrix, Any]:
     """The matrix that is baked and the cloud it makes; changes nothing. Raises StippleError for unsuitable data."""
+    from ...engine.edit.transform import transform_cloud
+
     if not b_object.data.is_editable:
         raise StippleError(f"{b_object.name}: its data is linked from another file; make it local first.")
     if is_linked(b_object.data):

@@ -11,8 +11,10 @@ import bpy
 import numpy as np
 import pytest
 
+from stipple.addon import residency
 from stipple.addon import viewport as viewport_module
 from stipple.addon.residency import CloudCache, EvaluatedClouds
+from stipple.addon.sequence import SequencePlayer
 from stipple.addon.sync import viewport_instances
 from stipple.addon.view_camera import ViewportView
 from stipple.addon.viewport import Aim, ViewportSession
@@ -77,10 +79,11 @@ def test_a_long_reading_says_how_far_it_is(path: Path, monkeypatch: pytest.Monke
 def test_of_a_missing_file_the_viewport_shows_the_proxy_and_says_so(path: Path) -> None:
     b_object = link(path)
     b_space = next(area.spaces.active for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
-    known = EvaluatedClouds(CloudCache())
+    known, player = EvaluatedClouds(CloudCache()), SequencePlayer(residency.sequences)
 
     def shown() -> tuple[Any, tuple[str, ...]]:
-        (instance,), warnings = viewport_instances(bpy.context.evaluated_depsgraph_get(), b_space, known, set())
+        b_depsgraph = bpy.context.evaluated_depsgraph_get()
+        (instance,), warnings = viewport_instances(b_depsgraph, b_space, known, player, set())
         return instance.cloud, warnings
 
     cloud, warnings = shown()
