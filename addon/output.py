@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.colour import scene_linear_from_display
-
 if TYPE_CHECKING:
     from ..engine.film import Picture
 
@@ -29,11 +27,13 @@ def write_picture(b_engine: Any, picture: Picture, layer: str, view: str, workin
 
     The picture has rows from the top, Blender from the bottom. Depth is measured along the camera's axis [world units].
     """
+    from ..engine.light import light_from_display  # Warp is loaded by whoever rendered the picture
+
     height, width = picture.depth.shape
     result = b_engine.begin_result(0, 0, width, height, layer=layer, view=view)
     try:
         b_passes = result.layers[0].passes
-        combined = scene_linear_from_display(picture.rgba[::-1], working_space)
+        combined = light_from_display(picture.rgba, working_space)
         _fill(b_passes.find_by_name(COMBINED, view), combined)
         b_depth = b_passes.find_by_name(DEPTH, view)
         if b_depth is not None:

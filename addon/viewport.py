@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.colour import scene_linear_from_display
 from ..engine.errors import Cancelled, DeviceError, StippleError
 from ..engine.progress import Progress
 from ..engine.scene import Scene
@@ -251,11 +250,13 @@ class ViewportSession:
         return saying
 
     def _show(self, aim: Aim, frame: Frame, divider: int, seconds: float, limit: int) -> None:
+        from ..engine.light import light_from_display
+
         picture = frame.resolve()
-        light = scene_linear_from_display(picture.rgba[::-1], aim.working_space)
+        light = light_from_display(picture.rgba, aim.working_space)
         self.message = ""
         self.picture = ShownPicture(
-            rgba=np.ascontiguousarray(light, np.float32),
+            rgba=light,
             place=_place(aim.view, divider),
             divider=divider,
             samples=picture.samples,

@@ -13,7 +13,7 @@ from types import ModuleType
 
 import warp as wp
 
-from . import renderer
+from . import light, renderer
 
 PACKAGE = __name__.rpartition(".")[0]
 CUDA_ONLY = "_cuda"  # how the name of a module ends whose kernels no CPU runs
@@ -28,6 +28,7 @@ def load_kernels(device: wp.Device, method: str, progress: Callable[[float, str]
     for index, module in enumerate(modules):
         progress(index / len(modules), f"preparing kernels {index + 1}/{len(modules)}, slow only the first time")
         wp.load_module(module, device=device)
+    wp.load_module(light, device="cpu")  # where hosts turn every device's pictures into light
 
 
 def kernel_modules(method: str, cuda: bool) -> list[ModuleType]:
