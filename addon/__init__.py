@@ -10,7 +10,7 @@ import atexit
 
 import bpy
 
-from . import graphics_context, properties, render_engine, residency, ui
+from . import graphics_context, overlay, properties, render_engine, residency, ui
 from .operators import apply_transform, import_cameras, import_splats
 
 PARTS = (  # in order; undone in reverse
@@ -21,6 +21,7 @@ PARTS = (  # in order; undone in reverse
     import_cameras,
     apply_transform,
     render_engine,
+    overlay,
     ui,
 )
 

@@ -17,6 +17,7 @@ from .residency import CloudCache, Entry, EvaluatedClouds
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
 ALL_SH_DEGREES = 4
+SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
 DEVICE = {"AUTO": "auto", "CPU": "cpu", "CUDA": "cuda:0"}
 
 
@@ -52,6 +53,12 @@ def viewport_instances(
 
     with known.reading(changed):
         return _instances(depsgraph, cloud_of)
+
+
+def visibility_of(b_space: Any) -> tuple[object, ...]:
+    """What a 3D view shows or hides by itself, without telling the depsgraph."""
+    shown = (getattr(b_space, name, None) for name in SHOWN_TYPES)
+    return (b_space.local_view is not None, b_space.use_local_collections, *shown)
 
 
 def changed_geometry(depsgraph: Any) -> set[int]:

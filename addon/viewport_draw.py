@@ -16,8 +16,6 @@ from .viewport_rays import RaysViewportSession
 if TYPE_CHECKING:
     from ..engine.renderer import Renderer
 
-SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
-
 
 class Viewport:
     """Belongs to the RenderEngine object of one viewport and ends with it."""
@@ -50,7 +48,7 @@ class Viewport:
     def draw(self, b_engine: Any, context: Any, depsgraph: Any) -> None:
         """Draws the newest picture and sees whether it is still of what the viewport looks at."""
         b_space, b_scene = context.space_data, depsgraph.scene
-        if self._visibility != _visibility(b_space):
+        if self._visibility != sync.visibility_of(b_space):
             self._read(context, depsgraph, ())
         self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
@@ -87,7 +85,7 @@ class Viewport:
             self.session.render(self._raster)
 
     def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
-        self._visibility = _visibility(context.space_data)
+        self._visibility = sync.visibility_of(context.space_data)
         try:
             self._instances, warnings = sync.viewport_instances(depsgraph, context.space_data, self._known, changed)
             self._notice = warnings[0] if warnings else ""
@@ -112,9 +110,3 @@ class Viewport:
             residency.worker.wake()  # at once, not after drawing
             self.session.wait_a_moment()
         return ""
-
-
-def _visibility(b_space: Any) -> tuple[object, ...]:
-    """What a viewport shows or hides by itself, without telling the depsgraph."""
-    shown = (getattr(b_space, name, None) for name in SHOWN_TYPES)
-    return (b_space.local_view is not None, b_space.use_local_collections, *shown)
