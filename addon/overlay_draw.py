@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drawing into the 3D view's overlays with Blender's gpu module: colored points and the lines of bounding boxes.
 
-Only usable in Blender's draw callbacks. The overlays' framebuffer holds scene-linear color of Rec.709, which it
-encodes as sRGB, and the scene's depth.
+Only usable in Blender's draw callbacks. The overlays' framebuffer holds color^2.2 of the display and the scene's depth.
 """
 
 from __future__ import annotations

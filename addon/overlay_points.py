@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.colour import linear_from_srgb
 from ..engine.splats import SH_C0
 from .splat_data import BASE, display_radius, read_attribute, splat_count_of
 
 FloatArray = npt.NDArray[np.float32]
 
 MOST_POINTS = 300_000  # of one datablock: what a modest graphics card redraws without being noticed
+OVERLAY_GAMMA = 2.2  # Blender's overlays hold color^2.2 of the display, whatever the view transform
 FAINTEST = 1 / 255  # opacity below which a splat is never seen
 
 
@@ -24,7 +24,7 @@ class OverlayPoints:
     """Any number of the first points is spread evenly over the capture, so that fewer can be drawn.
 
     - `place` (N, 4): position and radius [object units].
-    - `colour` (N, 4): linear Rec.709, opaque.
+    - `colour` (N, 4): display color with the overlays' gamma taken off, opaque.
     """
 
     place: FloatArray
@@ -43,7 +43,7 @@ def overlay_points(b_data: Any, name: str, most: int = MOST_POINTS) -> OverlayPo
     seen = np.isfinite(position).all(axis=1) & np.isfinite(base).all(axis=1) & (base[:, 3] >= FAINTEST)
     seen &= np.isfinite(radius) & (radius >= 0)
     colour = np.ones((int(seen.sum()), 4), np.float32)
-    colour[:, :3] = linear_from_srgb(np.clip(0.5 + SH_C0 * base[seen, :3], 0, 1))
+    colour[:, :3] = np.clip(0.5 + SH_C0 * base[seen, :3], 0, 1) ** OVERLAY_GAMMA
     place = np.concatenate([position[seen], radius[seen, None]], axis=1, dtype=np.float32)
     return OverlayPoints(np.ascontiguousarray(place), colour)
 

@@ -46,9 +46,10 @@ def viewport_instances(
 
     def cloud_of(b_instance: Any, b_object: Any) -> Entry:
         b_shown = b_instance.parent if b_instance.is_instance else b_object
-        if not b_shown.visible_in_viewport_get(b_space):
-            return None, 0
         uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
+        if not b_shown.visible_in_viewport_get(b_space):
+            known.keep(b_object.data, uids)
+            return None, 0
         return known.cloud_of(b_object.data, b_object.name, uids)
 
     with known.reading(changed):

@@ -30,8 +30,9 @@ REST = 0.12  # [s] without a change before the full size is begun: launches take
 DRAWN_BY = 1.0  # [s] the full size waits for the small picture to be drawn: on a CPU both would fight for the cores
 SLOW, FAST = 0.06, 0.012  # [s] a first picture may take at most, and below which one of twice the size is tried
 COARSEST = 4  # divider of the size: below a quarter, projecting and sorting cost more than pixels
-WAIT = 0.04  # [s] a redraw may wait for the picture of the new view, which then moves with the overlays
+WAIT, LONGEST_WAIT = 0.04, 0.1  # [s] a redraw may wait for the picture of the new view, which moves with the overlays
 SHOW_INTERVAL = 0.06  # [s] at least between pictures of one accumulation: each is read back, converted and redrawn
+REDRAWING = 0.05  # of the time at most: while Blender redraws its window, keys wait
 SHOW_GROWTH = 1.5  # samples of a picture over those of the one before: later samples change less and less
 POINTS_PER_LAUNCH = 1 << 20  # [max_points] so that a launch ends soon after the aim changed
 
@@ -71,6 +72,7 @@ class ViewportSession:
         self.message = ""
         self.closed = False
         self.divider = COARSEST  # adapts to the machine and the scene
+        self.redraw_seconds = 0.0  # that Blender takes to redraw its window, the last times
         self._redraw: Callable[[], None] | None = redraw
         self._lock = threading.RLock()  # a redraw may drop the last reference to the engine, which closes the session
         self._aimed_at = 0.0
@@ -94,9 +96,13 @@ class ViewportSession:
         return True
 
     def wait_a_moment(self) -> None:
-        """Waits for the first picture of a new aim where it will be there in time for this redraw."""
-        if self._first_seconds < 1.5 * WAIT:
-            self._shown.wait(WAIT)
+        """Waits for the first picture of a new aim where it will be there in time for this redraw.
+
+        Waiting a little longer is better than another redraw where redraws are slow.
+        """
+        wait = min(max(WAIT, self.redraw_seconds / 2), LONGEST_WAIT)
+        if self._first_seconds < 1.5 * wait:
+            self._shown.wait(wait)
 
     def take(self) -> ShownPicture | None:
         """The newest picture, to be drawn now; the worker is to be woken when `due` says so."""
@@ -152,15 +158,18 @@ class ViewportSession:
         # What is quick is finished and shown though the aim has moved on: under a steady drag nothing else would be.
         patient = small or (self.divider == 1 and not self._is_begun(aim))
 
+        def is_over() -> bool:
+            return self.closed or interrupted() or not (patient or self.aim == aim)
+
         def progress(fraction: float, text: str) -> None:
-            if self.closed or interrupted() or not (patient or self.aim == aim):
+            if is_over():
                 raise Cancelled
 
         try:
             if small:
                 self._show_small(aim, renderer, progress)
             else:
-                self._add_sample(aim, renderer, progress)
+                self._add_sample(aim, renderer, progress, is_over)
         except Cancelled:
             self._frame = None
         except StippleError as error:
@@ -203,18 +212,24 @@ class ViewportSession:
         elif seconds < FAST:
             self.divider = divider // 2
 
-    def _add_sample(self, aim: Aim, renderer: Renderer, progress: Callable[[float, str], None]) -> None:
+    def _add_sample(
+        self, aim: Aim, renderer: Renderer, progress: Callable[[float, str], None], is_over: Callable[[], bool]
+    ) -> None:
+        from ..engine.giving_way import giving_way
+
         begin = time.perf_counter()
-        if self._frame is None or self._frame[0] != aim:
-            self._frame = (aim, self._begin(aim, renderer, 1, aim.settings, progress))
-        frame = self._frame[1]
-        frame.render_sample(frame.film.samples)
+        with giving_way(is_over):
+            if self._frame is None or self._frame[0] != aim:
+                self._frame = (aim, self._begin(aim, renderer, 1, aim.settings, progress))
+            frame = self._frame[1]
+            frame.render_sample(frame.film.samples)
         seconds = time.perf_counter() - begin
         samples = frame.film.samples
         done = samples >= frame.sample_count
         if samples == 1 and self.divider == 1 and seconds > SLOW:
             self.divider = 2
-        worth_it = samples >= SHOW_GROWTH * self._shown_samples and time.monotonic() - self._shown_at > SHOW_INTERVAL
+        interval = max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING)
+        worth_it = samples >= SHOW_GROWTH * self._shown_samples and time.monotonic() - self._shown_at > interval
         if done or samples == 1 or worth_it:
             self._show(aim, frame, 1, seconds, frame.sample_count)
             self._shown_samples = samples

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import time
 import weakref
 from typing import TYPE_CHECKING, Any
+
+import bpy
 
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
@@ -47,6 +50,7 @@ class Viewport:
 
     def draw(self, b_engine: Any, context: Any, depsgraph: Any) -> None:
         """Draws the newest picture and sees whether it is still of what the viewport looks at."""
+        self._time_redraw()
         b_space, b_scene = context.space_data, depsgraph.scene
         if self._visibility != sync.visibility_of(b_space):
             self._read(context, depsgraph, ())
@@ -66,6 +70,15 @@ class Viewport:
         if self._raster is not None:
             self._raster.free()
             self._raster = None
+
+    def _time_redraw(self) -> None:
+        """Finds out how long Blender takes from here until it looks after timers and keys again."""
+        begin, session = time.monotonic(), self.session
+
+        def redrawn() -> None:
+            session.redraw_seconds = (session.redraw_seconds + time.monotonic() - begin) / 2
+
+        bpy.app.timers.register(redrawn, first_interval=0.0)
 
     def _choose_session(self, method: str) -> None:
         """*rays* is drawn here and not by the worker, and has another kind of session."""

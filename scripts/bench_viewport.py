@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import statistics
 import sys
 from pathlib import Path
@@ -35,8 +34,7 @@ def main() -> int:
     every = []
     for index in range(options.runs):
         folder = program.ROOT / "bench-output" / f"viewport-{index + 1}"
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
         try:
             results = program.run(WINDOW, "measure", folder, str(options.capture.resolve()))
         except (program.NotHere, program.Failed) as error:

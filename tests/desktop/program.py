@@ -32,6 +32,8 @@ def run(script: Path, scenario: str, folder: Path, *arguments: str) -> dict[str,
     if not program or not zips:
         raise NotHere("STIPPLE_DESKTOP is not set, or dist/ has no extension (scripts/build --platform linux_x64)")
     folder.chmod(0o755)
+    for name in ("results.json", "error.txt"):
+        (folder / name).unlink(missing_ok=True)
     command = [program, "--extension", str(zips[-1]), "--mount", str(ROOT), "--mount", str(folder)]
     command += [part for path in map(Path, arguments) if path.is_file() for part in ("--mount", str(path.parent))]
     command += ["--seconds", str(SECONDS), "--shots", str(SECONDS // 4), "--out", str(folder / "screen"), "--"]

@@ -10,24 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from . import program
+from .conftest import region_of, run_scenario
 
 pytestmark = [pytest.mark.slow, pytest.mark.blender]
-
-
-def run(scenario: str, folder: Path, *arguments: str) -> dict[str, Any]:
-    """Runs a scenario of scenarios.py and returns its results."""
-    try:
-        return program.run(Path(__file__).with_name("scenarios.py"), scenario, folder, *arguments)
-    except program.NotHere as reason:
-        pytest.skip(str(reason))
-
-
-def region_of(folder: Path, name: str, results: dict[str, Any]) -> np.ndarray:
-    """The 3D view's pixels (H, W, 3) of a screenshot, without the edge where buttons are drawn."""
-    pixels = np.asarray(Image.open(folder / f"{name}.png").convert("RGB")).astype(int)
-    x, y, width, height = results[name]
-    return pixels[len(pixels) - y - height : len(pixels) - y, x : x + width][70:-30, 40:-40]
 
 
 def outline(mask: np.ndarray) -> np.ndarray:
@@ -37,7 +22,7 @@ def outline(mask: np.ndarray) -> np.ndarray:
 
 
 def test_splats_lie_under_the_mesh_they_copy(tmp_path: Path) -> None:
-    results = run("alignment", tmp_path)
+    results = run_scenario("scenarios.py", "alignment", tmp_path)
     for kind in ("PERSP", "ORTHO", "CAMERA", "CAMERA_ORTHO"):
         mesh = region_of(tmp_path, f"{kind}-mesh", results).min(axis=2) > 128
         seen = region_of(tmp_path, f"{kind}-splats", results)
@@ -52,14 +37,16 @@ def test_splats_lie_under_the_mesh_they_copy(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("method", ["SORTED", "RAYS", "POINTS"])
 def test_the_viewport_equals_the_final_render(method: str, tmp_path: Path) -> None:
-    results = run("final_render", tmp_path, method)
+    results = run_scenario("scenarios.py", "final_render", tmp_path, method)
     assert_viewport_is_final(tmp_path, results)
 
 
 @pytest.mark.real
 @pytest.mark.parametrize("method", ["SORTED", "RAYS"])
 def test_the_viewport_equals_the_final_render_of_a_capture(method: str, tmp_path: Path, shared_data: Path) -> None:
-    results = run("final_render", tmp_path, method, str((shared_data / "real" / "koala.ply").resolve()))
+    results = run_scenario(
+        "scenarios.py", "final_render", tmp_path, method, str((shared_data / "real" / "koala.ply").resolve())
+    )
     assert_viewport_is_final(tmp_path, results)
 
 

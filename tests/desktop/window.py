@@ -43,7 +43,8 @@ class Window:
 
     @property
     def session(self) -> Any:
-        return import_module(f"{PACKAGE}.addon.residency").worker._sessions[-1]
+        sessions = import_module(f"{PACKAGE}.addon.residency").worker._sessions
+        return sessions[-1] if sessions else None
 
     def bare(self) -> None:
         """Only the picture, on black."""
@@ -62,7 +63,7 @@ class Window:
         yield lambda: time.monotonic() - since > 0.3
         if self.b_space.shading.type == "RENDERED":
             yield lambda: self.session.due() is None and self.session.picture is not None
-        yield lambda: self.session.picture is self.session._drawn
+            yield lambda: self.session.picture is self.session._drawn
         since = time.monotonic()
         yield lambda: time.monotonic() - since > 0.5
 
