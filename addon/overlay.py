@@ -147,7 +147,8 @@ class CaptureOverlay:
         self._shown = {key: shown for key, shown in self._shown.items() if shown.generation >= recent}
 
     def _read(self, context: Any, b_space: Any, visibility: tuple[object, ...]) -> Shown:
-        points, boxes = [], {}
+        points: list[tuple[DrawnPoints, Any, bool]] = []
+        boxes: dict[str, list[Any]] = {}
         for b_instance, b_object in _captures(context.evaluated_depsgraph_get(), b_space):
             world_from_object = b_instance.matrix_world.copy()
             drawn = self._points_of(b_instance, b_object)

@@ -108,7 +108,7 @@ class VIEW3D_PT_stipple_overlay(bpy.types.Panel):
         return overlay.is_drawn_by_blender(context)
 
     def draw(self, context: Any) -> None:
-        row = self.layout.row()  # type: ignore[attr-defined]
+        row = self.layout.row()
         row.prop(context.scene.stipple, "show_splat_colors", text="Colors")
         row.prop(context.scene.stipple, "show_splat_bounds", text="Bounds")
 

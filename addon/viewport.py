@@ -32,6 +32,7 @@ SLOW, FAST = 0.06, 0.012  # [s] a first picture may take at most, and below whic
 COARSEST = 4  # divider of the size: below a quarter, projecting and sorting cost more than pixels
 WAIT, LONGEST_WAIT = 0.04, 0.1  # [s] a redraw may wait for the picture of the new view, which moves with the overlays
 SHOW_INTERVAL = 0.06  # [s] at least between pictures of one accumulation: each is read back, converted and redrawn
+LONGEST_SHOW_INTERVAL = 2.5  # [s] that slow redraws make of it
 REDRAWING = 0.05  # of the time at most: while Blender redraws its window, keys wait
 SHOW_GROWTH = 1.5  # samples of a picture over those of the one before: later samples change less and less
 POINTS_PER_LAUNCH = 1 << 20  # [max_points] so that a launch ends soon after the aim changed
@@ -228,7 +229,7 @@ class ViewportSession:
         done = samples >= frame.sample_count
         if samples == 1 and self.divider == 1 and seconds > SLOW:
             self.divider = 2
-        interval = max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING)
+        interval = min(max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING), LONGEST_SHOW_INTERVAL)
         worth_it = samples >= SHOW_GROWTH * self._shown_samples and time.monotonic() - self._shown_at > interval
         if done or samples == 1 or worth_it:
             self._show(aim, frame, 1, seconds, frame.sample_count)

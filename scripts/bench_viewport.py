@@ -55,7 +55,7 @@ def table(results: dict[str, Any]) -> list[str]:
         f"3D view of {width}×{height} px; one redraw of the window at rest takes {results.pop('redraw') * 1e3:.0f} ms",
         f"at the sample limit: {idle['cores'] * 100:.1f} % of a core, {idle['redraws']} redraws",
         "",
-        "| while | what | median [ms] | 95 % [ms] | worst [ms] | bar [ms] | redraws/s | cores | callback [ms] |",
+        "| while | what | median [ms] | 95 % [ms] | worst [ms] | bar [ms] | redraws/s | samples/s | cores |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for phase, measured in results.items():
@@ -72,9 +72,7 @@ def table(results: dict[str, Any]) -> list[str]:
 def others(measured: dict[str, Any]) -> list[str]:
     if "cores" not in measured:
         return ["", "", ""]
-    callbacks = measured["callback"]
-    callback = f"{statistics.median(callbacks) * 1e3:.1f}" if callbacks else ""
-    return [f"{measured['redraws_per_second']:.1f}", f"{measured['cores']:.2f}", callback]
+    return [f"{measured[name]:.1f}" for name in ("redraws_per_second", "samples_per_second", "cores")]
 
 
 def quantile(ordered: list[float], part: float) -> float:

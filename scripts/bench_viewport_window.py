@@ -115,7 +115,9 @@ def answers(window: Window, name: str, busy: Any) -> Steps:
     yield lambda: time.monotonic() - since > 0.5
     if len(sent) != len(seen.answers):
         raise RuntimeError(f"{name}: {len(sent)} keys were pressed and {len(seen.answers)} came")
+    frame = window.session._frame
     window.results[name] = {
+        "samples_per_second": frame[1].film.samples / took if frame else 0.0,
         "answer": [at - before for before, at in zip(sent, seen.answers, strict=True)],
         "callback": seen.callbacks,
         "redraws_per_second": len(seen.callbacks) / took,
@@ -179,6 +181,7 @@ def measure(window: Window) -> Steps:
         yield from moves(window, f"{method.lower()} at rest, then moved")
         # As many samples as take longer than this; sorted has one for each subpixel.
         b_scene.stipple.viewport_samples, b_scene.stipple.supersampling = 1 << 16, 1 if method == "POINTS" else 16
+        window.b_area.tag_redraw()  # which scripts have to ask for
         yield from answers(window, f"{method.lower()} accumulating", lambda: None)
         yield from moves(window, f"{method.lower()} accumulating, then moved", rest=False)
         b_scene.stipple.viewport_samples, b_scene.stipple.supersampling = 16, 1

@@ -212,13 +212,31 @@ def solid(window: Window) -> Steps:
     yield from shot("in front")
     b_splats.show_in_front = False
     bpy.data.objects.remove(b_around)
-    b_copy = b_splats.copy()  # an instance: the same datablock twice
-    b_scene.collection.objects.link(b_copy)
+    yield from twice(window, b_splats)
+    yield from clicks(window, b_splats)
+    b_region_3d.view_location, b_region_3d.view_distance = (50, 0, 0), 30.0
+    with override(window):
+        bpy.ops.view3d.view_selected()
+    yield wait(1.0)
+    window.results["framed"] = [*b_region_3d.view_location, b_region_3d.view_distance]
+    yield from shot("selected")
+
+
+def twice(window: Window, b_splats: Any) -> Steps:
+    """The same datablock in two objects."""
+    b_copy = b_splats.copy()
+    bpy.context.scene.collection.objects.link(b_copy)
     b_copy.location, b_copy.scale = (0, 2.5, 0), (0.5, 0.5, 0.5)
-    yield from shot("twice")
+    yield from window.rest()
+    yield from window.shot("twice")
     bpy.data.objects.remove(b_copy)
+
+
+def clicks(window: Window, b_splats: Any) -> Steps:
+    """Selects a capture in the middle of the view with the mouse: as a mesh, then as it is."""
     b_mesh = as_mesh(b_splats)
-    yield from shot("mesh")
+    yield from window.rest()
+    yield from window.shot("mesh")
     window.b_space.overlay.show_overlays = True  # where Blender draws, and selects, loose vertices
     yield from window.rest()
     subprocess.run(["xdotool", "mousemove", *centre_of(window), "click", "1"], check=True)
@@ -229,12 +247,6 @@ def solid(window: Window) -> Steps:
     subprocess.run(["xdotool", "click", "1"], check=True)
     yield wait(1.0)
     window.results["clicked again"] = b_splats.select_get()
-    b_region_3d.view_location, b_region_3d.view_distance = (50, 0, 0), 30.0
-    with override(window):
-        bpy.ops.view3d.view_selected()
-    yield wait(1.0)
-    window.results["framed"] = [*b_region_3d.view_location, b_region_3d.view_distance]
-    yield from shot("selected")
 
 
 def as_mesh(b_splats: Any) -> Any:
