@@ -11,6 +11,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -66,6 +67,8 @@ class ShownPicture:
 
 class ViewportSession:
     """The life of one viewport. `redraw` is called from the worker's thread when there is something new to draw."""
+
+    gives_way = True  # to the interface, which does not wait for samples
 
     def __init__(self, redraw: Callable[[], None]) -> None:
         self.aim: Aim | None = None
@@ -219,7 +222,7 @@ class ViewportSession:
         from ..engine.giving_way import giving_way
 
         begin = time.perf_counter()
-        with giving_way(is_over):
+        with giving_way(is_over) if self.gives_way else nullcontext():
             if self._frame is None or self._frame[0] != aim:
                 self._frame = (aim, self._begin(aim, renderer, 1, aim.settings, progress))
             frame = self._frame[1]
