@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from ..engine.colour import scene_linear_from_display
 from ..engine.errors import Cancelled, StippleError
+from ..engine.giving_way import giving_way
 from ..engine.scene import Scene
 from ..engine.settings import Settings
 from .view_camera import Rect, ViewportView
@@ -173,7 +174,8 @@ class ViewportSession:
             if small:
                 self._show_small(aim, renderer, progress)
             else:
-                self._add_sample(aim, renderer, progress, is_over)
+                with nullcontext() if patient or not self.gives_way else giving_way(is_over):
+                    self._add_sample(aim, renderer, progress)
         except Cancelled:
             self._frame = None
         except StippleError as error:
@@ -216,17 +218,12 @@ class ViewportSession:
         elif seconds < FAST:
             self.divider = divider // 2
 
-    def _add_sample(
-        self, aim: Aim, renderer: Renderer, progress: Callable[[float, str], None], is_over: Callable[[], bool]
-    ) -> None:
-        from ..engine.giving_way import giving_way
-
+    def _add_sample(self, aim: Aim, renderer: Renderer, progress: Callable[[float, str], None]) -> None:
         begin = time.perf_counter()
-        with giving_way(is_over) if self.gives_way else nullcontext():
-            if self._frame is None or self._frame[0] != aim:
-                self._frame = (aim, self._begin(aim, renderer, 1, aim.settings, progress))
-            frame = self._frame[1]
-            frame.render_sample(frame.film.samples)
+        if self._frame is None or self._frame[0] != aim:
+            self._frame = (aim, self._begin(aim, renderer, 1, aim.settings, progress))
+        frame = self._frame[1]
+        frame.render_sample(frame.film.samples)
         seconds = time.perf_counter() - begin
         samples = frame.film.samples
         done = samples >= frame.sample_count
