@@ -12,7 +12,7 @@ from typing import Any
 import gpu
 import numpy as np
 
-from .viewport import ShownPicture
+from .shown_picture import ShownPicture
 
 LARGEST_HALF = np.float32(65504)
 

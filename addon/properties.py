@@ -137,6 +137,16 @@ class StippleSceneSettings(bpy.types.PropertyGroup):
         step=0.1,
         subtype="FACTOR",
     )
+    show_splat_colors: BoolProperty(  # type: ignore[valid-type]
+        name="Splat Colors",
+        description="Show captures as colored points in Solid and Material Preview shading",
+        default=True,
+    )
+    show_splat_bounds: BoolProperty(  # type: ignore[valid-type]
+        name="Splat Bounds",
+        description="Show the bounding box of selected captures in Solid and Material Preview shading",
+        default=True,
+    )
 
 
 def register() -> None:

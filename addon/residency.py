@@ -131,12 +131,17 @@ class EvaluatedClouds:
 
     def cloud_of(self, b_data: Any, name: str, uids: Collection[int]) -> Entry:
         """As CloudCache.cloud_of; `uids` are those of the original data, object and instancing object."""
-        place = (b_data.as_pointer(), b_data.original.session_uid, splat_count_of(b_data))
-        entry = self._seen.get(place)
-        if entry is None and not any(uid in self._changed for uid in uids):
-            entry = self._known.get(place)
-        self._seen[place] = entry or self._cache.cloud_of(b_data, name)
+        place = self.keep(b_data, uids)
+        if place not in self._seen:
+            self._seen[place] = self._cache.cloud_of(b_data, name)
         return self._seen[place]
+
+    def keep(self, b_data: Any, uids: Collection[int]) -> tuple[int, int, int]:
+        """Remembers what is known of data that is not shown now but may be again; returns its key."""
+        place = (b_data.as_pointer(), b_data.original.session_uid, splat_count_of(b_data))
+        if place in self._known and not any(uid in self._changed for uid in uids):
+            self._seen.setdefault(place, self._known[place])
+        return place
 
 
 clouds = CloudCache()

@@ -43,7 +43,13 @@ ELEMENTS = {
     "FLOAT_COLOR": ("color", 4),
 }
 FOUR_WIDE = ("QUATERNION", "FLOAT4", "FLOAT_COLOR")
-READABLE_TYPES = {"position": ("FLOAT_VECTOR",), "scale": ("FLOAT_VECTOR",), "rotation": FOUR_WIDE, BASE: FOUR_WIDE}
+READABLE_TYPES = {
+    "position": ("FLOAT_VECTOR",),
+    "scale": ("FLOAT_VECTOR",),
+    "rotation": FOUR_WIDE,
+    BASE: FOUR_WIDE,
+    "radius": ("FLOAT",),
+}
 
 
 def is_capture(b_data: Any) -> bool:
@@ -77,7 +83,7 @@ def write_cloud(b_data: Any, cloud: SplatCloud) -> None:
     for index in range(cloud.sh_rest.shape[1]):
         write_attribute(b_data, f"{SH_PREFIX}{index}", "FLOAT_VECTOR", cloud.sh_rest[:, index])
     if isinstance(b_data, bpy.types.PointCloud):
-        write_attribute(b_data, "radius", "FLOAT", _display_radius(cloud))
+        write_attribute(b_data, "radius", "FLOAT", display_radius(cloud.scale, cloud.opacity))
     b_data.update_tag()
 
 
@@ -89,11 +95,11 @@ def cloud_from_datablock(b_data: Any, name: str) -> tuple[SplatCloud | None, int
     negative scale or a zero quaternion are left out. None when no splat remains. Raises StippleError, naming `name`,
     when an attribute is missing or has the wrong type or domain.
     """
-    position, scale = _read(b_data, "position", name), _read(b_data, "scale", name)
-    rotation, base = _read(b_data, "rotation", name), _read(b_data, BASE, name)
+    position, scale = read_attribute(b_data, "position", name), read_attribute(b_data, "scale", name)
+    rotation, base = read_attribute(b_data, "rotation", name), read_attribute(b_data, BASE, name)
     sh_rest = np.empty((len(position), _sh_rest_count(b_data, name), 3), np.float32)
     for index in range(sh_rest.shape[1]):
-        sh_rest[:, index] = _read(b_data, f"{SH_PREFIX}{index}", name)
+        sh_rest[:, index] = read_attribute(b_data, f"{SH_PREFIX}{index}", name)
     sh_dc, opacity = base[:, :3], base[:, 3]
     bad = degenerate_mask(position, scale, rotation, opacity, base) | ~np.isfinite(sh_rest).all(axis=(1, 2))
     dropped = int(bad.sum())
@@ -113,7 +119,7 @@ def key_of(b_data: Any, name: str) -> CloudKey:
     """
     rest_count = _sh_rest_count(b_data, name)
     names = ["position", "scale", "rotation", BASE, *(f"{SH_PREFIX}{index}" for index in range(rest_count))]
-    checksums = (zlib.crc32(_read(b_data, attribute, name)) for attribute in names)
+    checksums = (zlib.crc32(read_attribute(b_data, attribute, name)) for attribute in names)
     return (splat_count_of(b_data), rest_count, *checksums)
 
 
@@ -150,7 +156,7 @@ def write_attribute(b_data: Any, attribute: str, data_type: str, values: FloatAr
     b_data.attributes[attribute].data.foreach_set(element, np.ascontiguousarray(values, np.float32).reshape(-1))
 
 
-def _read(b_data: Any, attribute: str, name: str) -> FloatArray:
+def read_attribute(b_data: Any, attribute: str, name: str) -> FloatArray:
     """(N, width) float32; raises StippleError when the attribute is missing or unusable."""
     b_attribute = b_data.attributes.get(attribute)
     if b_attribute is None:
@@ -190,11 +196,12 @@ def _unit(rotation: FloatArray, usable: npt.NDArray[np.bool_]) -> FloatArray:
     return rotation
 
 
-def _display_radius(cloud: SplatCloud) -> FloatArray:
-    """Point radii for solid mode [object units], so large that points of a surface touch.
+def display_radius(scale: FloatArray, opacity: FloatArray) -> FloatArray:
+    """Point radii for Solid shading [object units], so large that points of a surface touch.
 
     Then the outline of a selected capture runs around it and not around every point. Large splats are cut so that none
-    hides the rest.
+    hides the rest, and faint ones are small.
     """
-    radius = 2.5 * np.median(cloud.scale, axis=1)
-    return np.minimum(radius, 4 * np.median(radius)).astype(np.float32)
+    radius = 2.5 * np.median(scale, axis=1)
+    radius = np.minimum(radius, 4 * np.median(radius))
+    return (radius * np.sqrt(np.clip(opacity, 0, 1))).astype(np.float32)

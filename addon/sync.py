@@ -20,6 +20,7 @@ from .residency import CloudCache, EvaluatedClouds, linked
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
 ALL_SH_DEGREES = 4
+SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
 DEVICE = {"AUTO": "auto", "CPU": "cpu", "CUDA": "cuda:0"}
 
 Shown = tuple[SplatCloud | CaptureFile | None, int]
@@ -67,7 +68,9 @@ def viewport_instances(
 
     def cloud_of(b_instance: Any, b_object: Any) -> Shown:
         b_shown = b_instance.parent if b_instance.is_instance else b_object
+        uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
         if not b_shown.visible_in_viewport_get(b_space):
+            known.keep(b_object.data, uids)
             return None, 0
         if sequence.plays(b_object):
             return player.cloud_of(b_object)
@@ -76,12 +79,17 @@ def viewport_instances(
                 return linked.capture_of(b_object.data, b_object.name), 0
             except StippleError as error:
                 problems[str(error)] = None
-        uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
         return known.cloud_of(b_object.data, b_object.name, uids)
 
     with known.reading(changed), player.reading(depsgraph.scene):
         instances, warnings = _instances(depsgraph, cloud_of)
     return instances, (*problems, *warnings, *player.warnings)
+
+
+def visibility_of(b_space: Any) -> tuple[object, ...]:
+    """What a 3D view shows or hides by itself, without telling the depsgraph."""
+    shown = (getattr(b_space, name, None) for name in SHOWN_TYPES)
+    return (b_space.local_view is not None, b_space.use_local_collections, *shown)
 
 
 def changed_geometry(depsgraph: Any) -> set[int]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from . import overlay
 from .render_engine import ENGINE_ID
 
 # Blender's panels for other engines' features that carry the BLENDER_RENDER mark all the same.
@@ -97,12 +98,29 @@ class VIEWLAYER_PT_stipple_passes(StipplePanel, bpy.types.Panel):
         self._column().prop(context.view_layer, "use_pass_z", text="Depth")
 
 
+class VIEW3D_PT_stipple_overlay(bpy.types.Panel):
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "HEADER"
+    bl_parent_id = "VIEW3D_PT_overlay"
+    bl_label = "Gaussian Splats"
+
+    @classmethod
+    def poll(cls, context: Any) -> bool:
+        return overlay.is_drawn_by_blender(context)
+
+    def draw(self, context: Any) -> None:
+        row = self.layout.row()
+        row.prop(context.scene.stipple, "show_splat_colors", text="Colors")
+        row.prop(context.scene.stipple, "show_splat_bounds", text="Bounds")
+
+
 CLASSES = (
     RENDER_PT_stipple_sampling,
     RENDER_PT_stipple_splats,
     RENDER_PT_stipple_film,
     RENDER_PT_stipple_performance,
     VIEWLAYER_PT_stipple_passes,
+    VIEW3D_PT_stipple_overlay,
 )
 
 

@@ -11,17 +11,17 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from ..engine.errors import Cancelled, DeviceError, StippleError
+from ..engine.giving_way import giving_way
 from ..engine.progress import Progress
 from ..engine.scene import Scene
 from ..engine.settings import Settings
-from .view_camera import Rect, ViewportView
+from .shown_picture import ShownPicture, place_of
+from .view_camera import ViewportView
 
 if TYPE_CHECKING:
     from ..engine.renderer import Frame, Renderer
@@ -30,8 +30,10 @@ REST = 0.12  # [s] without a change before the full size is begun: launches take
 DRAWN_BY = 1.0  # [s] the full size waits for the small picture to be drawn: on a CPU both would fight for the cores
 SLOW, FAST = 0.06, 0.012  # [s] a first picture may take at most, and below which one of twice the size is tried
 COARSEST = 4  # divider of the size: below a quarter, projecting and sorting cost more than pixels
-WAIT = 0.04  # [s] a redraw may wait for the picture of the new view, which then moves with the overlays
+WAIT, LONGEST_WAIT = 0.04, 0.1  # [s] a redraw may wait for the picture of the new view, which moves with the overlays
 SHOW_INTERVAL = 0.06  # [s] at least between pictures of one accumulation: each is read back, converted and redrawn
+LONGEST_SHOW_INTERVAL = 2.5  # [s] that slow redraws make of it
+REDRAWING = 0.05  # of the time at most: while Blender redraws its window, keys wait
 SHOW_GROWTH = 1.5  # samples of a picture over those of the one before: later samples change less and less
 LONG = 0.5  # [s] after which a frame that is not begun yet says what it is doing
 SAY_INTERVAL = 0.25  # [s] between such words: each is a redraw
@@ -48,24 +50,10 @@ class Aim:
     working_space: str
 
 
-@dataclass(frozen=True, eq=False)
-class ShownPicture:
-    """What the viewport draws: (H, W, 4) float32, rows from the bottom, premultiplied scene-linear light.
-
-    `place` is the part of the region that it covers [fractions from the bottom left].
-    """
-
-    rgba: npt.NDArray[np.float32]
-    place: Rect
-    divider: int
-    samples: int
-    sample_limit: int
-    splats_visible: int
-    seconds: float  # that the last sample took
-
-
 class ViewportSession:
     """The life of one viewport. `redraw` is called from the worker's thread when there is something new to draw."""
+
+    gives_way = True  # to the interface, which does not wait for samples
 
     def __init__(self, redraw: Callable[[], None]) -> None:
         self.aim: Aim | None = None
@@ -74,6 +62,7 @@ class ViewportSession:
         self.notice = ""  # shown beside the figures
         self.closed = False
         self.divider = COARSEST  # adapts to the machine and the scene
+        self.redraw_seconds = 0.0  # that Blender takes to redraw its window, the last times
         self._redraw: Callable[[], None] | None = redraw
         self._lock = threading.RLock()  # a redraw may drop the last reference to the engine, which closes the session
         self._aimed_at = 0.0
@@ -97,9 +86,13 @@ class ViewportSession:
         return True
 
     def wait_a_moment(self) -> None:
-        """Waits for the first picture of a new aim where it will be there in time for this redraw."""
-        if self._first_seconds < 1.5 * WAIT:
-            self._shown.wait(WAIT)
+        """Waits for the first picture of a new aim where it will be there in time for this redraw.
+
+        Waiting a little longer is better than another redraw where redraws are slow.
+        """
+        wait = min(max(WAIT, self.redraw_seconds / 2), LONGEST_WAIT)
+        if self._first_seconds < 1.5 * wait:
+            self._shown.wait(wait)
 
     def take(self) -> ShownPicture | None:
         """The newest picture, to be drawn now; the worker is to be woken when `due` says so."""
@@ -156,15 +149,19 @@ class ViewportSession:
         # What is quick is finished and shown though the aim has moved on: under a steady drag nothing else would be.
         patient = small or (self.divider == 1 and not self._is_begun(aim))
 
+        def is_over() -> bool:
+            return self.closed or interrupted() or not (patient or self.aim == aim)
+
         def progress(fraction: float, text: str) -> None:
-            if self.closed or interrupted() or not (patient or self.aim == aim):
+            if is_over():
                 raise Cancelled
 
         try:
             if small:
                 self._show_small(aim, renderer, progress)
             else:
-                self._add_sample(aim, renderer, progress)
+                with nullcontext() if patient or not self.gives_way else giving_way(is_over):
+                    self._add_sample(aim, renderer, progress)
         except Cancelled:
             self._frame = None
         except DeviceError:
@@ -200,7 +197,9 @@ class ViewportSession:
     def _show_small(self, aim: Aim, renderer: Renderer, progress: Progress) -> None:
         divider = self.divider
         begin = time.perf_counter()
-        frame = self._begin(aim, renderer, divider, replace(aim.settings, supersampling=1), progress)
+        # Points are noisy, and a moving view has no time for more than one sample: the pictures before help.
+        settings = replace(aim.settings, supersampling=1, reprojection=aim.settings.method == "points")
+        frame = self._begin(aim, renderer, divider, settings, progress)
         frame.render_sample(0)
         seconds = time.perf_counter() - begin
         self._small = aim
@@ -221,7 +220,8 @@ class ViewportSession:
         done = samples >= frame.sample_count
         if samples == 1 and self.divider == 1 and seconds > SLOW:
             self.divider = 2
-        worth_it = samples >= SHOW_GROWTH * self._shown_samples and time.monotonic() - self._shown_at > SHOW_INTERVAL
+        interval = min(max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING), LONGEST_SHOW_INTERVAL)
+        worth_it = samples >= SHOW_GROWTH * self._shown_samples and time.monotonic() - self._shown_at > interval
         if done or samples == 1 or worth_it:
             self._show(aim, frame, 1, seconds, frame.sample_count)
             self._shown_samples = samples
@@ -257,7 +257,7 @@ class ViewportSession:
         self.message = ""
         self.picture = ShownPicture(
             rgba=light,
-            place=_place(aim.view, divider),
+            place=place_of(aim.view, divider),
             divider=divider,
             samples=picture.samples,
             sample_limit=limit,
@@ -269,15 +269,3 @@ class ViewportSession:
             self._first_seconds = self._shown_at - self._aimed_at
             self._shown.set()
         self.redraw()
-
-
-def _place(view: ViewportView, divider: int) -> Rect:
-    """The rendered window as fractions of the region from the bottom left."""
-    camera = view.camera(divider)
-    x, y, width, height = camera.rendered_window
-    return (
-        x / camera.width,
-        1 - (y + height) / camera.height,
-        (x + width) / camera.width,
-        1 - y / camera.height,
-    )

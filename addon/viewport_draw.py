@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import time
 import weakref
 from typing import TYPE_CHECKING, Any
+
+import bpy
 
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
@@ -17,7 +20,6 @@ from .viewport_rays import RaysViewportSession
 if TYPE_CHECKING:
     from ..engine.renderer import Renderer
 
-SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
 PATIENCE = 0.1  # [s] a redraw waits for a file of a sequence; then the one before stays until it is there
 
 
@@ -54,8 +56,9 @@ class Viewport:
 
     def draw(self, b_engine: Any, context: Any, depsgraph: Any) -> None:
         """Draws the newest picture and sees whether it is still of what the viewport looks at."""
+        self._time_redraw()
         b_space, b_scene = context.space_data, depsgraph.scene
-        if self._visibility != _visibility(b_space) or self._player.is_stale(b_scene):
+        if self._visibility != sync.visibility_of(b_space) or self._player.is_stale(b_scene):
             self._read(context, depsgraph, ())
         self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
@@ -73,6 +76,15 @@ class Viewport:
         if self._raster is not None:
             self._raster.free()
             self._raster = None
+
+    def _time_redraw(self) -> None:
+        """Finds out how long Blender takes from here until it looks after timers and keys again."""
+        begin, session = time.monotonic(), self.session
+
+        def redrawn() -> None:
+            session.redraw_seconds = (session.redraw_seconds + time.monotonic() - begin) / 2
+
+        bpy.app.timers.register(redrawn, first_interval=0.0)
 
     def _choose_session(self, method: str) -> None:
         """*rays* is drawn here and not by the worker, and has another kind of session."""
@@ -92,7 +104,7 @@ class Viewport:
             self.session.render(self._raster)
 
     def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
-        self._visibility = _visibility(context.space_data)
+        self._visibility = sync.visibility_of(context.space_data)
         try:
             self._instances, warnings = sync.viewport_instances(
                 depsgraph, context.space_data, self._known, self._player, changed
@@ -121,9 +133,3 @@ class Viewport:
             residency.worker.wake()  # at once, not after drawing
             self.session.wait_a_moment()
         return ""
-
-
-def _visibility(b_space: Any) -> tuple[object, ...]:
-    """What a viewport shows or hides by itself, without telling the depsgraph."""
-    shown = (getattr(b_space, name, None) for name in SHOWN_TYPES)
-    return (b_space.local_view is not None, b_space.use_local_collections, *shown)

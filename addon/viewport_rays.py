@@ -26,6 +26,8 @@ LONGEST_SORT = 5.0  # [s] that a redraw waits for the order of the view before; 
 class RaysViewportSession(ViewportSession):
     """A session whose worker sorts and whose redraws render."""
 
+    gives_way = False  # samples are the interface's own work
+
     def __init__(self, redraw: Callable[[], None]) -> None:
         super().__init__(redraw)
         self._order: tuple[Aim, DrawOrder] | None = None

@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 
 import warp as wp
 
-from .errors import DeviceError
+from .errors import Cancelled, DeviceError
+from .giving_way import interruption, lower_priority
 from .memory import host_free_bytes
 
 CHUNKS_PER_THREAD = 4  # evens out chunks of unequal work
@@ -26,7 +27,7 @@ _cpu = {"threads": max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_get
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
 
-_pools: dict[int, ThreadPoolExecutor] = {}
+_pools: dict[tuple[int, bool], ThreadPoolExecutor] = {}  # by threads and whether they give way
 
 
 def set_thread_count(count: int) -> None:
@@ -39,9 +40,11 @@ def thread_count() -> int:
 
 
 def _pool(threads: int) -> ThreadPoolExecutor:
-    if threads not in _pools:
-        _pools[threads] = ThreadPoolExecutor(threads, thread_name_prefix="stipple")
-    return _pools[threads]
+    key = threads, interruption() is not None
+    if key not in _pools:
+        start = lower_priority if key[1] else None
+        _pools[key] = ThreadPoolExecutor(threads, thread_name_prefix="stipple", initializer=start)
+    return _pools[key]
 
 
 def close_pools() -> None:
@@ -83,7 +86,8 @@ def launch(
     """Run `kernel` for elements 0 … count - 1 with `inputs` after its `first` argument.
 
     On a CPU the elements are shared among `thread_count()` threads in consecutive chunks, so a kernel must not
-    depend on the order of its elements. On CUDA it is one launch and returns at once.
+    depend on the order of its elements. Inside `giving_way` they have a low priority, and Cancelled is raised when it
+    is interrupted. On CUDA it is one launch and returns at once.
     """
     if count <= 0:
         return
@@ -98,11 +102,17 @@ def launch(
     wp.load_module(kernel.module, device=device)
     chunk = max(smallest_chunk, -(-count // (threads * CHUNKS_PER_THREAD)))
 
-    def run(first: int) -> None:
+    interrupted = interruption()
+
+    def run(first: int) -> bool:
+        if interrupted is not None and interrupted():
+            return False
         wp.launch(kernel, dim=min(chunk, count - first), inputs=[first, *inputs], device=device)
+        return True
 
     # list() waits for all and re-raises the first failure.
-    list(_pool(threads).map(run, range(0, count, chunk)))
+    if not all(list(_pool(threads).map(run, range(0, count, chunk)))):
+        raise Cancelled
 
 
 def map_on_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:

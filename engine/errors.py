@@ -14,4 +14,7 @@ class DeviceError(StippleError):
 
 
 class Cancelled(Exception):
-    """The host asked to stop; raised between launches, never inside one. What was accumulated stays valid."""
+    """The host asked to stop; raised between launches, and what was accumulated stays valid.
+
+    Only inside `giving_way.giving_way` launches are cut short as well, and what was accumulated is lost.
+    """

@@ -20,7 +20,7 @@ PROGRAM = """
 import json, sys, time
 import numpy as np
 from stipple.addon import viewport_rays
-from stipple.engine.colour import scene_linear_from_display
+from stipple.engine.light import light_from_display
 from stipple.engine.renderer import Renderer
 from tests.blender.test_viewport import aim, never, random_cloud
 
@@ -41,7 +41,7 @@ def rest(method="rays"):
 
 def error(target):
     picture = Renderer.render(drawer, target.scene, target.view.camera(), target.settings)
-    return float(np.abs(session.picture.rgba - scene_linear_from_display(picture.rgba)[::-1]).max())
+    return float(np.abs(session.picture.rgba - light_from_display(picture.rgba)).max())
 
 cloud = random_cloud()
 from dataclasses import replace

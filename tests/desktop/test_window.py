@@ -1,15 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The extension in a real Blender window, judged by screenshots.
-
-Runs where STIPPLE_DESKTOP names a command that starts the desktop program, with these arguments:
-`--extension ZIP --mount FOLDER --seconds N --out FOLDER -- BLENDER ARGUMENTS`; the zip is the newest of dist/.
-"""
+"""The extension in a real Blender window, judged by screenshots; `program` says what it takes."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -17,37 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-ROOT = Path(__file__).resolve().parents[2]
-SECONDS = 240
+from .conftest import region_of, run_scenario
+
 pytestmark = [pytest.mark.slow, pytest.mark.blender]
-
-
-def run(scenario: str, folder: Path, *arguments: str) -> dict[str, Any]:
-    """Runs a scenario of in_window.py and returns its results."""
-    program = os.environ.get("STIPPLE_DESKTOP")
-    zips = sorted((ROOT / "dist").glob("stipple-*-linux_x64.zip"), key=lambda path: path.stat().st_mtime)
-    if not program or not zips:
-        pytest.skip("STIPPLE_DESKTOP is not set, or dist/ has no extension (scripts/build --platform linux_x64)")
-    folder.chmod(0o755)
-    script = Path(__file__).with_name("in_window.py")
-    command = [program, "--extension", str(zips[-1]), "--mount", str(ROOT), "--mount", str(folder)]
-    command += [part for path in map(Path, arguments) if path.is_file() for part in ("--mount", str(path.parent))]
-    command += ["--seconds", str(SECONDS), "--shots", str(SECONDS // 4), "--out", str(folder / "screen"), "--"]
-    command += ["--python", str(script), "--", scenario, str(folder), *arguments]
-    subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=SECONDS + 120)
-    log = (folder / "screen" / "blender.log").read_text()
-    if (folder / "error.txt").exists():
-        pytest.fail((folder / "error.txt").read_text() + log)
-    assert (folder / "results.json").exists(), log
-    assert "Traceback" not in log, log
-    return json.loads((folder / "results.json").read_text())
-
-
-def region_of(folder: Path, name: str, results: dict[str, Any]) -> np.ndarray:
-    """The 3D view's pixels (H, W, 3) of a screenshot, without the edge where buttons are drawn."""
-    pixels = np.asarray(Image.open(folder / f"{name}.png").convert("RGB")).astype(int)
-    x, y, width, height = results[name]
-    return pixels[len(pixels) - y - height : len(pixels) - y, x : x + width][70:-30, 40:-40]
 
 
 def outline(mask: np.ndarray) -> np.ndarray:
@@ -57,7 +22,7 @@ def outline(mask: np.ndarray) -> np.ndarray:
 
 
 def test_splats_lie_under_the_mesh_they_copy(tmp_path: Path) -> None:
-    results = run("alignment", tmp_path)
+    results = run_scenario("scenarios.py", "alignment", tmp_path)
     for kind in ("PERSP", "ORTHO", "CAMERA", "CAMERA_ORTHO"):
         mesh = region_of(tmp_path, f"{kind}-mesh", results).min(axis=2) > 128
         seen = region_of(tmp_path, f"{kind}-splats", results)
@@ -72,14 +37,16 @@ def test_splats_lie_under_the_mesh_they_copy(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("method", ["SORTED", "RAYS", "POINTS"])
 def test_the_viewport_equals_the_final_render(method: str, tmp_path: Path) -> None:
-    results = run("final_render", tmp_path, method)
+    results = run_scenario("scenarios.py", "final_render", tmp_path, method)
     assert_viewport_is_final(tmp_path, results)
 
 
 @pytest.mark.real
 @pytest.mark.parametrize("method", ["SORTED", "RAYS"])
 def test_the_viewport_equals_the_final_render_of_a_capture(method: str, tmp_path: Path, shared_data: Path) -> None:
-    results = run("final_render", tmp_path, method, str((shared_data / "real" / "koala.ply").resolve()))
+    results = run_scenario(
+        "scenarios.py", "final_render", tmp_path, method, str((shared_data / "real" / "koala.ply").resolve())
+    )
     assert_viewport_is_final(tmp_path, results)
 
 
@@ -89,7 +56,7 @@ def test_a_frame_of_a_sequence_before_an_environment(tmp_path: Path) -> None:
     folder = write_numbered(tmp_path)
     for path in (folder, *folder.iterdir()):
         path.chmod(0o755)
-    results = run("moving", tmp_path, str(folder / "walk.0001.ply"))
+    results = run_scenario("scenarios.py", "moving", tmp_path, str(folder / "walk.0001.ply"))
     assert_viewport_is_final(tmp_path, results)
 
 
@@ -98,15 +65,3 @@ def assert_viewport_is_final(tmp_path: Path, results: dict[str, Any]) -> None:
     viewport = region_of(tmp_path, "viewport", results)
     assert viewport.shape == final.shape and final.std() > 10
     assert np.abs(viewport - final).max() <= 1
-
-
-@pytest.mark.real
-def test_a_moved_view_is_drawn_at_once(tmp_path: Path, shared_data: Path) -> None:
-    """Blender's own redraw, which a software rasteriser makes slow, is measured apart and not counted."""
-    results = run("latency", tmp_path, str((shared_data / "real" / "koala.ply").resolve()))
-    first, callbacks = np.array(results["first_shown"]), np.array(results["callbacks"])
-    print(f"\nregion {results['region']}, one redraw of the window {results['redraw'] * 1e3:.0f} ms")
-    print(f"first picture of a moved view: median {np.median(first) * 1e3:.0f} ms, worst {first.max() * 1e3:.0f} ms")
-    print(f"drawing callback: median {np.median(callbacks) * 1e3:.1f} ms, worst {callbacks.max() * 1e3:.0f} ms")
-    assert np.median(first) - results["redraw"] < 0.3
-    assert np.median(callbacks) < 0.05
