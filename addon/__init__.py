@@ -14,6 +14,8 @@ from . import (
     capture_panel,
     graphics_context,
     linked_capture,
+    object_panels,
+    object_properties,
     preferences,
     properties,
     render_engine,
@@ -23,11 +25,12 @@ from . import (
     sequence_paths,
     ui,
 )
-from .operators import apply_transform, import_cameras, import_splats, link_captures
+from .operators import apply_transform, crops, import_cameras, import_splats, link_captures
 
 PARTS = (  # in order; undone in reverse
     preferences,
     properties,
+    object_properties,
     sequence,
     sequence_paths,
     linked_capture,
@@ -37,8 +40,10 @@ PARTS = (  # in order; undone in reverse
     link_captures,
     import_cameras,
     apply_transform,
+    crops,
     render_engine,
     ui,
+    object_panels,
     sequence_panel,
     capture_panel,
 )

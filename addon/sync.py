@@ -16,10 +16,10 @@ from ..engine.settings import Settings
 from ..engine.splats import SplatCloud
 from . import residency, sequence, world
 from .linked_capture import is_linked
+from .looks import ALL_SH_DEGREES, LookReader
 from .residency import CloudCache, EvaluatedClouds, linked
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
-ALL_SH_DEGREES = 4
 DEVICE = {"AUTO": "auto", "CPU": "cpu", "CUDA": "cuda:0"}
 
 Shown = tuple[SplatCloud | CaptureFile | None, int]
@@ -76,7 +76,8 @@ def viewport_instances(
                 return linked.capture_of(b_object.data, b_object.name), 0
             except StippleError as error:
                 problems[str(error)] = None
-        uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
+        b_original = b_object.original  # whose data it is: before Blender 5, evaluated data forgets its original
+        uids = [b_id.session_uid for b_id in (b_original.data, b_original, b_shown.original)]
         return known.cloud_of(b_object.data, b_object.name, uids)
 
     with known.reading(changed), player.reading(depsgraph.scene):
@@ -92,6 +93,7 @@ def changed_geometry(depsgraph: Any) -> set[int]:
 def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     instances: list[Instance] = []
     warnings: dict[str, None] = {}
+    looks = LookReader(depsgraph, world.working_space())
     for b_instance in depsgraph.object_instances:
         b_object = b_instance.object
         if not _is_visible_capture(b_instance, b_object):
@@ -103,8 +105,9 @@ def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[t
         if dropped:
             warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
         if cloud is not None:
-            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index))
-    return tuple(instances), tuple(warnings)
+            look = looks.look_of(b_instance)
+            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index, look))
+    return tuple(instances), (*warnings, *looks.notices)
 
 
 def settings_from_scene(b_scene: Any) -> Settings:
