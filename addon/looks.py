@@ -85,10 +85,15 @@ class LookReader:
             b_volume = b_volume.original.evaluated_get(self._depsgraph)
             if self._stands_still(b_volume):
                 self._notice(
-                    f"{b_object.name}: the crop object {b_volume.name} is disabled here and does not move; enable it and "
-                    "let it display as bounds instead."
+                    f"{b_object.name}: the crop object {b_volume.name} is disabled here and does not move; enable it "
+                    "and let it display as bounds instead."
                 )
-            matrix = np.array(b_volume.matrix_world, np.float64) @ _volume(b_volume)
+            volume = _volume(b_volume)
+            if np.diagonal(volume).min() == 0.0:
+                self._notice(
+                    f"{b_object.name}: the crop object {b_volume.name} is flat and holds nothing; give it a thickness."
+                )
+            matrix = np.array(b_volume.matrix_world, np.float64) @ volume
             crops.append(Crop(_rows(matrix), b_crop.shape.lower(), b_crop.keep.lower()))
         if len(crops) > MOST_CROPS:
             self._notice(f"{b_object.name}: {len(crops)} crops are in use, the first {MOST_CROPS} of them crop.")

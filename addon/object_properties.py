@@ -21,7 +21,13 @@ from ..engine.look import Look
 
 SHAPES = (
     ("BOX", "Box", "The cube of an empty, or the bounding box of any other object", "MESH_CUBE", 0),
-    ("SPHERE", "Sphere", "The sphere of an empty, or the ellipsoid in the bounding box of any other object", "SPHERE", 1),
+    (
+        "SPHERE",
+        "Sphere",
+        "The sphere of an empty, or the ellipsoid in any other object's bounding box",
+        "SPHERE",
+        1,
+    ),
 )
 KEEPS = (
     ("INSIDE", "Inside", "Show what lies inside this crop, or inside another one that keeps the inside"),

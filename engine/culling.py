@@ -46,7 +46,9 @@ def slopes(low: wp.float32, high: wp.float32, near: wp.float32, far: wp.float32)
 def bound_group(view: View, pose: Pose, groups: SplatGroups, group: wp.int32) -> GroupBounds:
     """Bounds the ellipses of all splats of a group, as `footprint` bounds one.
 
-    Of what the instance's look shows; crops are not asked. A standard deviation along a row r of a matrix is at most |r| · σ, σ the largest along each axis. A thousandth and
+    Of what the instance's look shows, but for its crops.
+
+    A standard deviation along a row r of a matrix is at most |r| · σ, σ the largest along each axis. A thousandth and
     a pixel are added for rounding.
     """
     bounds = GroupBounds()

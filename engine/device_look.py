@@ -93,9 +93,9 @@ def is_kept(look: DeviceLook, position: wp.vec3) -> wp.bool:
     any_inside = int(0)
     found = int(0)
     for k in range(look.crop_count):
-        x = wp.dot(look.crops[3 * k], p)
-        y = wp.dot(look.crops[3 * k + 1], p)
-        z = wp.dot(look.crops[3 * k + 2], p)
+        x = wp.dot(look.crops[3 * k], p)  # type: ignore[index]
+        y = wp.dot(look.crops[3 * k + 1], p)  # type: ignore[index]
+        z = wp.dot(look.crops[3 * k + 2], p)  # type: ignore[index]
         within = wp.abs(x) <= 1.0 and wp.abs(y) <= 1.0 and wp.abs(z) <= 1.0
         if ((look.spheres >> k) & 1) != 0:
             within = x * x + y * y + z * z <= 1.0
@@ -128,9 +128,8 @@ def dressed(splat: Splat, look: DeviceLook) -> Splat:
     shown.position = splat.position
     shown.scale = look.size * splat.scale
     shown.opacity = dressed_opacity(splat.opacity, look)
-    if look.crop_count > 0:
-        if not is_kept(look, splat.position):
-            shown.opacity = UNSEEN
+    if look.crop_count > 0 and not is_kept(look, splat.position):
+        shown.opacity = UNSEEN
     return shown
 
 
@@ -163,5 +162,5 @@ def graded(colour: wp.vec3, look: DeviceLook) -> wp.vec3:
 
 @wp.func
 def shade(offset2: wp.float32) -> wp.float32:
-    """Brightness of a shaded splat at a squared offset from its mean [standard deviations²]: 1, less towards the rim."""
+    """Brightness of a shaded splat at a squared offset from its mean [standard deviations²], 1 in its middle."""
     return wp.max(1.0 - shade_slope * offset2, rim_shade)

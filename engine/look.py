@@ -113,9 +113,7 @@ class Look:
 
     def light_matrix(self) -> Matrix | None:
         """The grading as a map of linear Rec.709 light (3, 3), float64; None where it changes nothing."""
-        return _light_matrix(
-            self.gain, self.exposure, self.saturation, self.tint, self.tint_factor, self.working_space
-        )
+        return _light_matrix(self.gain, self.exposure, self.saturation, self.tint, self.tint_factor, self.working_space)
 
 
 @lru_cache(maxsize=64)  # an animated exposure brings another every frame
@@ -135,7 +133,7 @@ def _light_matrix(
 
 
 def crop_from_object(crop: Crop, world_from_object: npt.NDArray[np.float64]) -> Matrix:
-    """(3, 4) from object space to where the volume is the cube -1 … 1 or the unit sphere; NaN for a flattened volume."""
+    """(3, 4) from object space to where the volume is the cube -1 … 1 or the unit sphere; NaN for a flat one."""
     placed = np.asarray(crop.world_from_crop, np.float64)
     if not np.isfinite(placed).all() or np.linalg.matrix_rank(placed[:, :3]) < 3:
         return np.full((3, 4), np.nan)

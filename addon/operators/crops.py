@@ -43,7 +43,9 @@ class OBJECT_OT_stipple_crop_add(bpy.types.Operator):
 
     def execute(self, context: Any) -> set[str]:
         b_object = context.object
-        b_volumes = [b_other for b_other in context.selected_objects if b_other != b_object] if self.use_selected else []
+        b_volumes = (
+            [b_other for b_other in context.selected_objects if b_other != b_object] if self.use_selected else []
+        )
         if self.use_selected and not b_volumes:
             self.report({"ERROR"}, f"{b_object.name}: select the objects to crop by too, the capture last.")
             return {"CANCELLED"}

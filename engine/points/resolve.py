@@ -68,9 +68,7 @@ def add_pixel(film: FilmSums, pixel: wp.int32, seen: wp.vec4, depth: wp.float32,
 
 
 @wp.kernel
-def resolve_records_kernel(
-    first: wp.int32, staged: Staged, view: View, subpixels: Subpixels, film: FilmSums
-) -> None:
+def resolve_records_kernel(first: wp.int32, staged: Staged, view: View, subpixels: Subpixels, film: FilmSums) -> None:
     pixel = first + wp.tid()
     count = subpixels.per_side * subpixels.per_side
     seen = wp.vec4(0.0, 0.0, 0.0, 0.0)

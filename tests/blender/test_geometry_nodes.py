@@ -189,9 +189,7 @@ def test_nodes_instance_the_geometry_of_a_capture(kind: str) -> None:
     b_object.stipple.size = 2.0
     nodes = Nodes(b_object)
     b_line = nodes.add("GeometryNodeMeshLine", {"Count": 3, "Offset": (0.0, 0.0, 5.0)})
-    b_node = nodes.add(
-        "GeometryNodeInstanceOnPoints", {"Points": b_line.outputs[0], "Instance": nodes.geometry}
-    )
+    b_node = nodes.add("GeometryNodeInstanceOnPoints", {"Points": b_line.outputs[0], "Instance": nodes.geometry})
     nodes.end(b_node.outputs[0])
     scene = synced()
     found = [i for i in scene.instances if i.cloud.splat_count == 50]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What an object's look does to its splats, step by step, in float64.
 
-Colours are graded in linear Rec.709 light, one after the other: gain and exposure, saturation about the luminance, tint.
+Colours are graded in linear Rec.709 light, in this order: gain and exposure, saturation about the luminance, tint.
 Crops look where a splat's mean lies in the world. Displays other than splats are not modelled.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from .scene_like import Float64Array, InstanceLike
 
-LUMINANCE = np.array([0.2126390059, 0.7151686788, 0.0721923154])  # second row of the sRGB to XYZ matrix (W3C, CSS Color 4)
+LUMINANCE = np.array([0.2126390059, 0.7151686788, 0.0721923154])  # row Y of sRGB to XYZ (W3C, CSS Color 4)
 
 
 @dataclass(frozen=True, eq=False)
