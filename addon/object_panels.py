@@ -54,7 +54,7 @@ class OBJECT_PT_stipple_splats(ObjectPanel, bpy.types.Panel):
         column.prop(b_stipple, "opacity", slider=True)
         column.prop(b_stipple, "size", slider=True)
         column.prop(b_stipple, "sh_degree")
-        column.row().prop(b_stipple, "antialiased", expand=True)
+        column.prop(b_stipple, "antialiased")
 
 
 class STIPPLE_UL_crops(bpy.types.UIList):
@@ -69,7 +69,7 @@ class STIPPLE_UL_crops(bpy.types.UIList):
         row.active = b_crop.use
         name = b_crop.object.name if b_crop.object else "No Object"
         row.label(text=name, icon="ERROR" if b_crop.object is None else _shape_icon(b_crop))
-        row.label(text=b_crop.bl_rna.properties["keep"].enum_items[b_crop.keep].name)
+        row.label(text="", icon="SELECT_INTERSECT" if b_crop.keep == "INSIDE" else "SELECT_SUBTRACT")
         row.prop(b_crop, "use", text="", emboss=False, icon="CHECKBOX_HLT" if b_crop.use else "CHECKBOX_DEHLT")
 
 
@@ -87,8 +87,8 @@ class OBJECT_PT_stipple_crop(ObjectPanel, bpy.types.Panel):
         if b_stipple.active_crop < len(b_stipple.crops):
             b_crop, column = b_stipple.crops[b_stipple.active_crop], self._column()
             column.prop(b_crop, "object")
-            column.row().prop(b_crop, "shape", expand=True)
-            column.row().prop(b_crop, "keep", expand=True)
+            column.prop(b_crop, "shape")
+            column.prop(b_crop, "keep")
 
 
 class OBJECT_PT_stipple_display(ObjectPanel, bpy.types.Panel):

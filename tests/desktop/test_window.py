@@ -110,3 +110,15 @@ def test_a_moved_view_is_drawn_at_once(tmp_path: Path, shared_data: Path) -> Non
     print(f"drawing callback: median {np.median(callbacks) * 1e3:.1f} ms, worst {callbacks.max() * 1e3:.0f} ms")
     assert np.median(first) - results["redraw"] < 0.3
     assert np.median(callbacks) < 0.05
+
+
+def test_a_changed_look_shows_at_once_and_reads_nothing_again(tmp_path: Path) -> None:
+    results = run("objects", tmp_path)
+    light = {name: results[f"{name} light"] for name in ("whole", "exposed", "cropped", "moved")}
+    seen = {name: region_of(tmp_path, name, results) for name in light}
+    red = {name: int((pixels[..., 0] - pixels[..., 2] > 60).sum()) for name, pixels in seen.items()}
+    assert light["exposed"] < 0.95 * light["whole"]
+    assert seen["exposed"].mean() < seen["whole"].mean()
+    assert 0.98 * red["whole"] < red["cropped"] < 1.02 * red["whole"], red  # a new crop holds all
+    assert 0.2 * red["whole"] < red["moved"] < 0.9 * red["whole"], red
+    assert results["read again"] == 0
