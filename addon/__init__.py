@@ -14,6 +14,8 @@ from . import (
     capture_panel,
     graphics_context,
     linked_capture,
+    object_panels,
+    object_properties,
     overlay,
     preferences,
     properties,
@@ -24,11 +26,12 @@ from . import (
     sequence_paths,
     ui,
 )
-from .operators import apply_transform, import_cameras, import_splats, link_captures
+from .operators import apply_transform, crops, import_cameras, import_splats, link_captures
 
 PARTS = (  # in order; undone in reverse
     preferences,
     properties,
+    object_properties,
     sequence,
     sequence_paths,
     linked_capture,
@@ -38,9 +41,11 @@ PARTS = (  # in order; undone in reverse
     link_captures,
     import_cameras,
     apply_transform,
+    crops,
     render_engine,
     overlay,
     ui,
+    object_panels,
     sequence_panel,
     capture_panel,
 )

@@ -32,6 +32,7 @@ CloudKey = tuple[int, ...]
 BASE = "radiance:base"
 SH_PREFIX = "radiance:sh_"
 SOURCE_PROPERTY = "stipple_source"  # custom property of the datablock: the file it was read from
+SAMPLED_POINTS = 64
 POINT_TYPES = ("POINTCLOUD", "MESH")  # object types that can carry a capture
 
 # RNA property and width of one element, per attribute type.
@@ -55,6 +56,11 @@ READABLE_TYPES = {
 def is_capture(b_data: Any) -> bool:
     """Whether a datablock says that it is a capture: a PointCloud or Mesh with `radiance:base`."""
     return isinstance(b_data, (bpy.types.PointCloud, bpy.types.Mesh)) and BASE in b_data.attributes
+
+
+def is_capture_object(b_object: Any) -> bool:
+    """Whether an object (or None) carries a capture of its own, whatever its modifiers make of it."""
+    return b_object is not None and b_object.type in POINT_TYPES and is_capture(b_object.data)
 
 
 def splat_count_of(b_data: Any) -> int:
@@ -121,6 +127,20 @@ def key_of(b_data: Any, name: str) -> CloudKey:
     names = ["position", "scale", "rotation", BASE, *(f"{SH_PREFIX}{index}" for index in range(rest_count))]
     checksums = (zlib.crc32(read_attribute(b_data, attribute, name)) for attribute in names)
     return (splat_count_of(b_data), rest_count, *checksums)
+
+
+def sample_of(b_data: Any) -> tuple[float, ...]:
+    """Values of every attribute at up to 64 points spread evenly: a cheap sign, and no proof, of equal content."""
+    count = splat_count_of(b_data)
+    points = range(0, count, max(1, count // SAMPLED_POINTS))
+    values: list[float] = []
+    for b_attribute in b_data.attributes:
+        if b_attribute.domain == "POINT" and b_attribute.data_type in ELEMENTS:
+            element, width = ELEMENTS[b_attribute.data_type]
+            for point in points:
+                value = getattr(b_attribute.data[point], element)
+                values.extend((value,) if width == 1 else value)
+    return tuple(values)
 
 
 def _new_points(name: str, count: int) -> Any:

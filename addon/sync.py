@@ -16,10 +16,10 @@ from ..engine.settings import Settings
 from ..engine.splats import SplatCloud
 from . import residency, sequence, world
 from .linked_capture import is_linked
+from .looks import ALL_SH_DEGREES, LookReader
 from .residency import CloudCache, EvaluatedClouds, linked
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
-ALL_SH_DEGREES = 4
 SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
 DEVICE = {"AUTO": "auto", "CPU": "cpu", "CUDA": "cuda:0"}
 
@@ -68,7 +68,8 @@ def viewport_instances(
 
     def cloud_of(b_instance: Any, b_object: Any) -> Shown:
         b_shown = b_instance.parent if b_instance.is_instance else b_object
-        uids = [b_id.original.session_uid for b_id in (b_object.data, b_object, b_shown)]
+        b_original = b_object.original  # whose data it is: before Blender 5, evaluated data forgets its original
+        uids = [b_id.session_uid for b_id in (b_original.data, b_original, b_shown.original)]
         if not b_shown.visible_in_viewport_get(b_space):
             known.keep(b_object.data, uids)
             return None, 0
@@ -100,6 +101,7 @@ def changed_geometry(depsgraph: Any) -> set[int]:
 def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     instances: list[Instance] = []
     warnings: dict[str, None] = {}
+    looks = LookReader(depsgraph, world.working_space())
     for b_instance in depsgraph.object_instances:
         b_object = b_instance.object
         if not _is_visible_capture(b_instance, b_object):
@@ -111,8 +113,9 @@ def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[t
         if dropped:
             warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
         if cloud is not None:
-            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index))
-    return tuple(instances), tuple(warnings)
+            look = looks.look_of(b_instance)
+            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index, look))
+    return tuple(instances), (*warnings, *looks.notices)
 
 
 def settings_from_scene(b_scene: Any) -> Settings:

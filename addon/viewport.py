@@ -232,7 +232,8 @@ class ViewportSession:
         from ..engine.renderer import Frame
 
         self._frame = None  # its buffers are about to be used again
-        settings = replace(settings, max_points=POINTS_PER_LAUNCH if not renderer.device.is_cuda else 1 << 24)
+        max_points = POINTS_PER_LAUNCH if not renderer.device.is_cuda else 1 << 24
+        settings = replace(settings, max_points=max_points, point_scale=1 / divider)
         return Frame(renderer, aim.scene, aim.view.camera(divider), settings, self._saying(progress))
 
     def _saying(self, progress: Progress) -> Progress:

@@ -177,6 +177,15 @@ def _to_the_2_4(positive: Array) -> Array:
     return power
 
 
+@cache
+def luminance_of(working_space: str) -> Matrix:
+    """Weights (3,) of linear red, green and blue in the luminance Y, white's being 1; float64, read-only."""
+    working_space_from_rec709(working_space)  # raises for an unknown name
+    weights = xyz_from_rgb(WORKING_SPACES[working_space])[1].copy()
+    weights.flags.writeable = False
+    return weights
+
+
 def _by_rows(convert: Callable[[Array], Array], rgba: Array) -> Array:
     """`convert` on blocks of rows of a picture, on all cores; the result is contiguous.
 

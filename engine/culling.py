@@ -9,6 +9,7 @@ import warp as wp
 
 from .buffers import Buffers
 from .device import launch
+from .device_look import dressed_opacity
 from .groups import SplatGroups, group_reach
 from .maths.projection import Footprint, Pose, View, touching
 from .placements import Placed, Placements, instance_of
@@ -45,16 +46,18 @@ def slopes(low: wp.float32, high: wp.float32, near: wp.float32, far: wp.float32)
 def bound_group(view: View, pose: Pose, groups: SplatGroups, group: wp.int32) -> GroupBounds:
     """Bounds the ellipses of all splats of a group, as `footprint` bounds one.
 
+    Of what the instance's look shows, but for its crops.
+
     A standard deviation along a row r of a matrix is at most |r| · σ, σ the largest along each axis. A thousandth and
     a pixel are added for rounding.
     """
     bounds = GroupBounds()
-    opacity = groups.opacity[group]
+    opacity = dressed_opacity(groups.opacity[group], pose.look)
     if not opacity >= view.alpha_min or opacity <= 0.0:
         return bounds
     middle = 0.5 * (groups.low[group] + groups.high[group])
     half = 0.5 * (groups.high[group] - groups.low[group])
-    sigma = groups.sigma[group]
+    sigma = pose.look.size * groups.sigma[group]
     centre = pose.linear * middle + pose.translation
     extent = wp.vec3()
     deviation = wp.vec3()
@@ -84,8 +87,8 @@ def bound_group(view: View, pose: Pose, groups: SplatGroups, group: wp.int32) ->
         return bounds
     reach = group_reach(opacity, view.alpha_min) * 1.001
     sx, sy = view.focal_px[0] * inverse_z * deviation[0], view.focal_px[1] * inverse_z * deviation[1]
-    rx = reach * wp.sqrt(sx * sx + view.dilation_px2) + 1.0
-    ry = reach * wp.sqrt(sy * sy + view.dilation_px2) + 1.0
+    rx = reach * wp.sqrt(sx * sx + pose.look.dilation_px2) + 1.0
+    ry = reach * wp.sqrt(sy * sy + pose.look.dilation_px2) + 1.0
     low = wp.vec2(view.focal_px[0] * x[0] - rx, view.focal_px[1] * y[0] - ry) + view.centre_px
     high = wp.vec2(view.focal_px[0] * x[1] + rx, view.focal_px[1] * y[1] + ry) + view.centre_px
     bounds.footprint = touching(view, low, high)

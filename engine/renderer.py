@@ -23,6 +23,7 @@ from .capture_file import CaptureFile
 from .cloud_upload import DeviceSource, upload_any
 from .device import choose_device
 from .device_cloud import DeviceCloud
+from .device_look import make_device_look
 from .environment import BYTES_PER_PIXEL as ENVIRONMENT_BYTES
 from .environment import DeviceEnvironment, look_around, upload_environment
 from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
@@ -126,7 +127,8 @@ class Renderer:
         """A scene through a camera, its clouds on the device."""
         with timer.stage("upload"):
             clouds = self.device_clouds(scene, settings.storage, progress or (lambda fraction, text: None))
-        poses = [make_pose(camera, np.asarray(i.world_from_object, np.float64)) for i in scene.instances]
+        placed = [(np.asarray(i.world_from_object, np.float64), i.look) for i in scene.instances]
+        poses = [make_pose(camera, matrix, make_device_look(look, matrix, settings)) for matrix, look in placed]
         return Shot(
             scene=scene,
             camera=camera,

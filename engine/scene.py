@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .errors import StippleError
+from .look import Look
 from .splats import SplatCloud
 
 if TYPE_CHECKING:
@@ -31,12 +32,14 @@ class Instance:
     - `world_from_object` (3, 4) float64: any affine map; its linear part may scale unevenly, shear or mirror.
     - `name`: of the object, for messages.
     - `object_index`: the host's pass index, for masks.
+    - `look`: how it is graded, cropped and displayed; changes neither cloud nor memory.
     """
 
     cloud: SplatCloud | DeviceSource
     world_from_object: npt.NDArray[np.float64] = field(default_factory=identity_transform)
     name: str = ""
     object_index: int = 0
+    look: Look = Look()  # noqa: RUF009 - frozen
 
 
 @dataclass(frozen=True, eq=False)

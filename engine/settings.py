@@ -41,6 +41,7 @@ class Settings:
       degree 3); captures that are too large for the host's memory are always quantised.
     - `reprojection`: mix the last frame of the same renderer in, carried over to where the camera now sees it; for a
       moving camera in interactive use, never for final frames.
+    - `point_scale`: factor on sizes that looks give in pixels, for a picture whose pixels are shown larger or smaller.
     - `small_splat_px`: sorted skips splats whose larger radius is below this [px]; 0 skips none.
 
     Raises StippleError for a value outside its range.
@@ -64,6 +65,7 @@ class Settings:
     culling: str = "occlusion"
     storage: str = "full"
     reprojection: bool = False
+    point_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -90,6 +92,7 @@ class Settings:
             "alpha_min": (0.0, 1.0),
             "alpha_max": (0.0, 1.0),
             "small_splat_px": (0.0, 1e6),
+            "point_scale": (1e-3, 1e3),
         }
         for name, (low, high) in ranges.items():
             if not low <= getattr(self, name) <= high:

@@ -16,6 +16,7 @@ from .buffers import Buffers
 from .culling import Blocks, cull_groups
 from .device import launch
 from .device_cloud import DeviceCloud, read_colour, read_rotation, read_splat
+from .device_look import dressed, graded
 from .maths.projection import Pose, View, depth_key, footprint, project_splat
 from .occlusion import FATE_HIDDEN, Occlusion, is_left_out
 from .placements import Placed, Placements
@@ -27,9 +28,10 @@ wp.set_module_options({"enable_backward": False})
 class Staged:
     """What the camera sees, one record per visible splat; equal indices in all arrays."""
 
-    centre: wp.array(dtype=wp.vec4)  # mean x, y [px of the window], depth z [world units], opacity
+    centre: wp.array(dtype=wp.vec4)  # mean x, y [px of the window], depth z [world units], opacity (see `device_look`)
     covariance: wp.array(dtype=wp.vec4)  # xx, xy, yy [px²], determinant [px⁴]; dilated
-    colour: wp.array(dtype=wp.vec3)  # as trained (sRGB-encoded), >= 0, may exceed 1; empty where it is found later
+    # Graded, in the blend space (sRGB-encoded), >= 0, may exceed 1; empty where it is found later
+    colour: wp.array(dtype=wp.vec3)
     splat: wp.array(dtype=wp.int32)  # index in its cloud
     instance: wp.array(dtype=wp.int32)
 
@@ -53,11 +55,11 @@ class Staging:
 
 @wp.func
 def colour_of(cloud: DeviceCloud, pose: Pose, view: View, i: wp.int32, position: wp.vec3) -> wp.vec3:
-    """A splat's colour as this camera sees it (sRGB-encoded)."""
+    """A splat's colour as this camera and the instance's look show it (sRGB-encoded)."""
     direction = wp.normalize(position - pose.eye_object)
     if view.orthographic != 0:
         direction = pose.forward_object
-    return read_colour(cloud, i, view.sh_degree, direction)
+    return graded(read_colour(cloud, i, pose.look.sh_degree, direction), pose.look)
 
 
 @wp.kernel
@@ -75,7 +77,7 @@ def mark_visible_kernel(
     if local >= (1 << cloud.groups.shift) or i >= cloud.splat_count:
         return
     pose = placed.pose[block[0]]
-    splat = read_splat(cloud, i)
+    splat = dressed(read_splat(cloud, i), pose.look)
     p = pose.linear * splat.position + pose.translation
     f = footprint(view, pose, p, splat.scale, splat.opacity)
     if not f.seen:
@@ -102,7 +104,7 @@ def stage_splats_kernel(
     cloud, pose = placed.cloud[block[0]], placed.pose[block[0]]
     i = (block[1] << cloud.groups.shift) + (thread & ((1 << slab.shift) - 1))
     j = staged_from_thread[thread]
-    splat = read_splat(cloud, i)
+    splat = dressed(read_splat(cloud, i), pose.look)
     p = pose.linear * splat.position + pose.translation
     e = project_splat(view, pose, p, splat.scale, read_rotation(cloud, i), splat.opacity)
     staged.centre[j] = wp.vec4(e.mean_px[0], e.mean_px[1], p[2], e.opacity)

@@ -19,6 +19,7 @@ from PIL import Image
 from stipple.engine.camera import Camera, look_at
 from stipple.engine.colour import bytes_from_display
 from stipple.engine.formats import read_splats
+from stipple.engine.look import Crop, Look
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Environment, EnvironmentImage, Instance, Scene
 from stipple.engine.settings import Settings
@@ -30,6 +31,11 @@ PAPER = (0.83, 0.82, 0.78)  # sRGB-encoded backgrounds
 NIGHT = (0.11, 0.115, 0.105)
 OVERCAST = (0.75, 0.78, 0.8)
 STRIP_SAMPLES = (1, 4, 16, 64)
+HALF_BOX = Crop(((2.0, 0.0, 0.0, 0.0), (0.0, 2.0, 0.0, 0.0), (0.0, 0.0, 2.0, 2.05)))  # what lies behind z = 0.05
+LOOKS = (  # two rows: the whole sample, a detail of it
+    (Look(), Look(gain=(0.85, 0.95, 1.3), exposure=-0.9, saturation=0.8), Look(crops=(HALF_BOX,))),
+    (Look(), Look(display="points", point_px=5.0), Look(display="ellipsoids")),
+)
 
 
 def camera(
@@ -101,6 +107,18 @@ def close_up(renderer: Renderer, path: Path) -> None:
     save(np.concatenate(pair, axis=1), "rays-close-up.jpg")
 
 
+def contact_sheet(cloud: SplatCloud, renderer: Renderer) -> np.ndarray:
+    """What settings of objects do, see `LOOKS`."""
+    size, settings = (426, 320), Settings(method="sorted", supersampling=2)
+    whole = camera((0.9, -1.12, -2.95), (0.03, -0.36, 0.0), 33, size)
+    detail = camera((-0.62, -0.72, -1.85), (0.08, -0.29, -0.35), 9, size)
+    rows = [
+        [renderer.render(Scene((Instance(cloud, look=look),), PAPER), view, settings).rgba for look in looks]
+        for view, looks in zip((whole, detail), LOOKS, strict=True)
+    ]
+    return np.concatenate([np.concatenate(row, axis=1) for row in rows])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--playbot", type=Path, metavar="FILE")
@@ -124,6 +142,7 @@ def main() -> None:
     strip.append(renderer.render(dark, detail, Settings(method="sorted")).rgba)
     save(np.concatenate(strip, axis=1), "points.jpg")
     crossing_captures(renderer, cloud)
+    save(contact_sheet(cloud, renderer), "objects.jpg")
 
 
 if __name__ == "__main__":

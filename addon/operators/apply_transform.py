@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from ...engine.errors import StippleError
 from ..linked_capture import is_linked
-from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, write_cloud
+from ..splat_data import cloud_from_datablock, is_capture_object, write_cloud
 
 
 class OBJECT_OT_stipple_apply_transform(bpy.types.Operator):
@@ -28,14 +28,14 @@ class OBJECT_OT_stipple_apply_transform(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        if context.mode != "OBJECT" or not any(map(_is_capture_object, context.selected_objects)):
+        if context.mode != "OBJECT" or not any(map(is_capture_object, context.selected_objects)):
             cls.poll_message_set("Select a capture in Object Mode")
             return False
         return True
 
     def execute(self, context: Any) -> set[str]:
         """All selected captures or none: the new splats are made before the first old one is replaced."""
-        b_objects = [b_object for b_object in context.selected_objects if _is_capture_object(b_object)]
+        b_objects = [b_object for b_object in context.selected_objects if is_capture_object(b_object)]
         try:
             baked = [(b_object, *_bake(b_object, self.location)) for b_object in b_objects]
         except StippleError as error:
@@ -45,10 +45,6 @@ class OBJECT_OT_stipple_apply_transform(bpy.types.Operator):
             write_cloud(b_object.data, cloud)
             _clear_transform(b_object, applied)
         return {"FINISHED"}
-
-
-def _is_capture_object(b_object: Any) -> bool:
-    return b_object.type in POINT_TYPES and is_capture(b_object.data)
 
 
 def _bake(b_object: Any, with_location: bool) -> tuple[Matrix, Any]:

@@ -31,7 +31,7 @@ from ..camera_from_view import (
     view_aspect,
     world_from_blender_camera,
 )
-from ..splat_data import POINT_TYPES, is_capture
+from ..splat_data import is_capture_object
 from .import_splats import PATH_OPTIONS, ROTATION_OF_UP_AXIS, UP_AXES
 
 log = logging.getLogger(__package__)
@@ -207,7 +207,7 @@ class IMPORT_SCENE_OT_splat_cameras(bpy.types.Operator, ImportHelper):
 def capture_to_match(context: Any) -> Any:
     """The active object where it is a capture, else the first selected capture; None without one."""
     b_candidates = [context.view_layer.objects.active, *context.view_layer.objects.selected]
-    return next((b for b in b_candidates if b and b.type in POINT_TYPES and is_capture(b.data)), None)
+    return next(filter(is_capture_object, b_candidates), None)
 
 
 def _link(context: Any, b_collection: Any) -> None:

@@ -13,7 +13,9 @@ import warp as wp
 
 from ..camera import Camera
 from ..device import launch
+from ..device_look import make_device_look
 from ..errors import StippleError
+from ..look import Look
 from ..maths.projection import Pose, View, make_pose, make_view, project_splat
 from ..settings import Settings
 from .affine import checked
@@ -229,7 +231,8 @@ def edges_by_row(
 
 
 def _seen(camera: Camera, world_from_object: npt.ArrayLike | None) -> tuple[View, Pose]:
-    return make_view(camera, Settings()), make_pose(camera, checked(world_from_object, "world_from_object"))
+    matrix, settings = checked(world_from_object, "world_from_object"), Settings()
+    return make_view(camera, settings), make_pose(camera, matrix, make_device_look(Look(), matrix, settings))
 
 
 def _match_rectangle(

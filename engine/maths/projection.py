@@ -17,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from ..camera import Camera
+from ..device_look import DeviceLook
 from ..settings import Settings
 
 wp.set_module_options({"enable_backward": False})
@@ -45,11 +46,8 @@ class View:
     depth_origin: wp.float32  # subtracted from z before it becomes a sort key
     depth_key_first: wp.uint32
     orthographic: wp.int32
-    dilation_px2: wp.float32
     alpha_min: wp.float32
     alpha_max: wp.float32
-    antialiased: wp.int32
-    sh_degree: wp.int32
 
 
 @wp.struct
@@ -60,6 +58,7 @@ class Pose:
     translation: wp.vec3
     eye_object: wp.vec3  # the camera's position in object space
     forward_object: wp.vec3  # an orthographic camera's view direction in object space
+    look: DeviceLook
 
 
 @wp.struct
@@ -94,14 +93,11 @@ def make_view(camera: Camera, settings: Settings) -> View:
     # 28 bits of a float hold 32 octaves without loss: from near on, or the last 32 before far.
     nearest = max(camera.near - view.depth_origin, (camera.far - view.depth_origin) * 2.0**-31)
     view.depth_key_first = int(np.float32(nearest).view(np.uint32))
-    view.dilation_px2 = settings.dilation_px2
     view.alpha_min, view.alpha_max = settings.alpha_min, settings.alpha_max
-    view.antialiased = int(settings.antialiased)
-    view.sh_degree = 4 if settings.sh_degree is None else settings.sh_degree
     return view
 
 
-def make_pose(camera: Camera, world_from_object: np.ndarray) -> Pose:
+def make_pose(camera: Camera, world_from_object: np.ndarray, look: DeviceLook) -> Pose:
     """Composed in float64, so that far-off world coordinates cancel before they are rounded."""
     rotation = camera.camera_from_world[:, :3]
     linear = rotation @ world_from_object[:, :3]
@@ -113,6 +109,7 @@ def make_pose(camera: Camera, world_from_object: np.ndarray) -> Pose:
     pose.translation = wp.vec3(*translation)
     pose.eye_object = wp.vec3(*(-inverse @ translation))
     pose.forward_object = wp.vec3(*(forward / max(np.linalg.norm(forward), 1e-30)))
+    pose.look = look
     return pose
 
 
@@ -153,7 +150,8 @@ def touching(view: View, low: wp.vec2, high: wp.vec2) -> Footprint:
 def footprint(view: View, pose: Pose, p: wp.vec3, scale: wp.vec3, opacity: wp.float32) -> Footprint:
     """Not seen only if the splat touches no pixel: outside the clipping range, too faint, or beside the window.
 
-    `p` is its mean in camera space. Cheap: bounds the ellipse by the circle of the largest scale.
+    `p` is its mean in camera space, `scale` and `opacity` are those of the dressed splat. Cheap: bounds the ellipse by
+    the circle of the largest scale.
     """
     if not (p[2] > view.near and p[2] < view.far and opacity >= view.alpha_min):
         return Footprint()
@@ -170,7 +168,7 @@ def footprint(view: View, pose: Pose, p: wp.vec3, scale: wp.vec3, opacity: wp.fl
     sigma_px = wp.max(view.focal_px) * inverse_z * tilt * sigma
     # 3.34 σ is where full opacity falls below 1/255; one pixel more for rounding.
     reach = wp.sqrt(2.0 * wp.log(opacity / view.alpha_min) + 1e-4)
-    radius = reach * wp.sqrt(sigma_px * sigma_px + view.dilation_px2) * 1.001 + 1.0
+    radius = reach * wp.sqrt(sigma_px * sigma_px + pose.look.dilation_px2) * 1.001 + 1.0
     mean = wp.vec2(
         view.focal_px[0] * p[0] * inverse_z + view.centre_px[0],
         view.focal_px[1] * p[1] * inverse_z + view.centre_px[1],
@@ -213,11 +211,12 @@ def project_splat(
     e.xy = wp.dot(w0, w1)
     e.yy = wp.dot(w1, w1)
     undilated = wp.length_sq(wp.cross(w0, w1))
-    e.determinant = undilated + view.dilation_px2 * (e.xx + e.yy + view.dilation_px2)
-    e.xx += view.dilation_px2
-    e.yy += view.dilation_px2
+    dilation = pose.look.dilation_px2
+    e.determinant = undilated + dilation * (e.xx + e.yy + dilation)
+    e.xx += dilation
+    e.yy += dilation
     e.opacity = opacity
-    if view.antialiased != 0:
+    if pose.look.antialiased != 0:
         # Mip-Splatting (Yu et al. 2024): what the dilation adds in area it must lose in opacity.
         e.opacity = opacity * wp.sqrt(wp.max(undilated / e.determinant, 0.000025))
     return e

@@ -81,7 +81,7 @@ class PointsFrame:
             staging, rates = self._kept
             self._throw(staging, rates, stream, None, frame, checkpoint)
             with self._timer.stage("resolve"):
-                resolve_records(staging.arrays, subpixels, film)
+                resolve_records(staging.arrays, self._view, subpixels, film)
             return
         self.splats_visible = 0
         if self._settings.culling == "occlusion":

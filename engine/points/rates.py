@@ -3,7 +3,8 @@
 
 Where we differ: a splat so large that its λ exceeds the subpixels of its (frame-clipped) bounding box is not thrown
 at but *filled*: one candidate per subpixel, accepted with that subpixel's opacity. That is the paper's clamp to one
-point per subpixel (§4.3), without the opacity the clamp takes away.
+point per subpixel (§4.3), without the opacity the clamp takes away. Filled is also what a look displays as something
+else than a splat: it is opaque, not random.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import warp as wp
 
 from ..buffers import Buffers
 from ..device import launch
+from ..device_look import opaque_from
 from ..maths.dilogarithm import li2
 from ..maths.projection import View
 from ..staging import Staged, Staging
@@ -54,7 +56,7 @@ def find_rates_kernel(
     rate = per_pixel * 6.2831855 * wp.sqrt(covariance[3]) * li2(opacity)
     if in_window[2] * in_window[3] == 0:
         rate = 0.0
-    elif rate > float(in_frame[2]) * float(in_frame[3]):
+    elif centre[3] >= opaque_from or rate > float(in_frame[2]) * float(in_frame[3]):
         rate = FILLED
     rates[i] = rate
 

@@ -17,6 +17,7 @@ import warp as wp
 
 from ..depth_pyramid import IDENTITY_BITS
 from ..device import launch
+from ..device_look import opaque_from
 from ..maths.dilogarithm import LI2_INVERSE_NATIVE, li2
 from ..maths.projection import View, depth_key
 from ..maths.random import PCG3D_NATIVE
@@ -170,8 +171,9 @@ def splat_points_kernel(
     # Cholesky factor of the covariance; its last entry from the determinant, which has all its digits.
     l00 = wp.sqrt(covariance[0])
     batch.cholesky = s * wp.vec3(l00, covariance[1] / l00, wp.sqrt(covariance[3]) / l00)
-    batch.opacity = wp.min(centre[3], 1.0)
-    batch.li2_opacity = li2(batch.opacity)
+    is_opaque = centre[3] >= opaque_from
+    batch.opacity = wp.where(is_opaque, centre[3], wp.min(centre[3], 1.0))
+    batch.li2_opacity = li2(wp.min(centre[3], 1.0))
     batch.filled = wp.where(rates[i] == FILLED, 1, 0)
     batch.box = support_box(view, covariance, centre, view.window_low, view.window_high, subpixels)
     low = wp.vec2i(view.window_low)
@@ -179,7 +181,7 @@ def splat_points_kernel(
     batch.window = subpixels * wp.vec4i(low[0], low[1], size[0], size[1])
     batch.frame_width = int(view.frame_px[0]) * subpixels
     batch.alpha_min = view.alpha_min
-    batch.alpha_max = view.alpha_max
+    batch.alpha_max = wp.where(is_opaque, 1.0, view.alpha_max)
     identity = wp.uint64(i)
     if first_splat.shape[0] > 0:
         identity = wp.uint64(first_splat[staged.instance[i]] + wp.int64(staged.splat[i]))

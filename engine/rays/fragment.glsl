@@ -11,7 +11,8 @@ void main() {
   if (!(omega >= cut.x)) { // outside the support (Eq. 3); a NaN is outside
     discard;
   }
-  omega = min(omega, cut.y);
+  float unclamped = omega;
+  omega = min(omega, radiance.w < cut.z ? cut.y : 1.0);
   float depth = quad_point.z * tau; // of the point of maximum density
 #ifdef STOCHASTIC
   uvec2 pixel = uvec2(gl_FragCoord.xy + window.xy);
@@ -23,5 +24,9 @@ void main() {
   gl_FragDepth = clamp((log2(max(depth, 1e-30)) + 32.0) / 64.0, 0.0, 1.0);
 #endif
   out_colour = vec4(radiance.xyz * omega, omega);
+  if (radiance.w >= cut.w) {
+    // D_ray once more, from Eq. 2: a second use of it itself would change the rounding of everybody's exp.
+    out_colour.xyz *= max(1.0 + 2.0 * SHADE_SLOPE * log(unclamped / radiance.w), RIM_SHADE);
+  }
   out_depth = vec4(depth * omega, 0.0, 0.0, omega);
 }

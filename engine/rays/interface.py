@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..device_look import RIM_SHADE, SHADE_SLOPE
+
 GLSL_VERSION = "#version 400 core"  # 400 for per-sample interpolation
 
 
@@ -43,21 +45,26 @@ TEXTURES = (*SPLATS, INSTANCES, ORDER)
 QUADS_PER_BATCH = 64
 """Splats per instance of the draw. One would do, but hardware fills its lanes with the vertices of one instance, and
 four do not fill them; llvmpipe spends microseconds on each."""
-INSTANCE_TEXELS = 5
-DEFINES = {"QUADS_PER_BATCH": QUADS_PER_BATCH, "INSTANCE_TEXELS": INSTANCE_TEXELS}
+INSTANCE_TEXELS = 9
+DEFINES: dict[str, int | float] = {
+    "QUADS_PER_BATCH": QUADS_PER_BATCH,
+    "INSTANCE_TEXELS": INSTANCE_TEXELS,
+    "SHADE_SLOPE": SHADE_SLOPE,
+    "RIM_SHADE": RIM_SHADE,
+}
 
 CONSTANTS = (
     Value("lens", "vec4"),  # fx, fy [px], principal point in the window, shifted by the sample's place [px]
     Value("window", "vec4"),  # x, y, width, height [px]
-    Value("cut", "vec4"),  # p_min, largest opacity, variance of the filter [px²], 1 to modulate opacity (Eq. 17)
-    Value("modes", "ivec4"),  # 1 for an orthographic camera, highest SH band, stream of random numbers, splats drawn
+    Value("cut", "vec4"),  # p_min, largest opacity; opacities from which on that is 1, and a splat is shaded
+    Value("modes", "ivec4"),  # 1 for an orthographic camera, unused, stream of random numbers, splats drawn
 )
 
 ATTRIBUTES = (Value("corner", "vec3", 0),)  # a column of the canonical quad O; which quad of the batch
 
 SMOOTH = (Value("quad_point", "vec3"),)  # Z_ray α; depth of the quad along z [world units]
 FLAT = (
-    Value("radiance", "vec4"),  # colour as trained, prior opacity o
+    Value("radiance", "vec4"),  # colour in the blend space, prior opacity o
     Value("inverse_c2", "float"),  # c⁻², 0 for an orthographic camera
     Value("random_key", "uvec2"),  # of the splat, of the instance and sample
 )

@@ -13,10 +13,10 @@ import numpy as np
 import warp as wp
 
 from ..device import launch
+from ..device_look import OPAQUE, SHADED
 from ..film import Film, FilmSums
 from ..maths.random import stream_key
 from ..shot import Shot
-from ..splats import MAX_SH_DEGREE
 from .host import Draw, FloatArray
 from .interface import Variant
 from .order import least_opacity
@@ -77,9 +77,8 @@ class RaysFrame:
         x, y, width, height = camera.rendered_window
         # A subpixel is seen at its pixel's centre when everything moves the other way.
         shift = (0.5 - (sample % s + 0.5) / s, 0.5 - (sample // s % s + 0.5) / s)
-        degree = MAX_SH_DEGREE if settings.sh_degree is None else settings.sh_degree
         stream = stream_key(settings.seed, sample, 0) & 0x7FFFFFFF
-        cut = (least_opacity(settings), settings.alpha_max, settings.dilation_px2, float(settings.antialiased))
+        cut = (least_opacity(settings), settings.alpha_max, OPAQUE, SHADED)
         return Draw(
             width=width,
             height=height,
@@ -88,7 +87,7 @@ class RaysFrame:
                 "lens": (camera.fx, camera.fy, camera.cx - x + shift[0], camera.cy - y + shift[1]),
                 "window": (x, y, width, height),
                 "cut": cut,
-                "modes": (int(camera.projection == "orthographic"), degree, stream, self.splats_visible),
+                "modes": (int(camera.projection == "orthographic"), 0, stream, self.splats_visible),
             },
             variant=self._variant,
             multisamples=settings.multisamples,

@@ -17,6 +17,7 @@ import warp as wp
 from ..camera import Camera
 from ..device import launch
 from ..device_cloud import DeviceCloud, read_splat
+from ..device_look import dressed, opaque_from
 from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key, make_view
 from ..settings import Settings
 
@@ -85,10 +86,11 @@ def may_be_met(view: View, frustum: Frustum, pose: Pose, p: wp.vec3, scale: wp.v
     """
     if not (p[2] > view.near and p[2] < view.far and opacity > view.alpha_min):
         return False
-    kappa = 2.0 * wp.log(wp.min(opacity, 1.0) / view.alpha_min)
+    prior = wp.where(opacity >= opaque_from, opacity, wp.min(opacity, 1.0))
+    kappa = 2.0 * wp.log(prior / view.alpha_min)
     sigma = wp.max(scale) * wp.sqrt(wp.ddot(pose.linear, pose.linear))
     depth = wp.where(view.orthographic != 0, 1.0, p[2])
-    pixel2 = view.dilation_px2 / (view.focal_px[0] * view.focal_px[1]) * depth * depth
+    pixel2 = pose.look.dilation_px2 / (view.focal_px[0] * view.focal_px[1]) * depth * depth
     radius = wp.sqrt(kappa) * (sigma + wp.sqrt(pixel2)) * 1.001
     inside = wp.min(
         wp.min(beyond(frustum.left, p), beyond(frustum.right, p)),
@@ -109,7 +111,7 @@ def find_keys_kernel(
     placements: wp.array(dtype=wp.int32),
 ) -> None:
     i = first + wp.tid()
-    splat = read_splat(cloud, i)
+    splat = dressed(read_splat(cloud, i), pose.look)
     p = pose.linear * splat.position + pose.translation
     key = int(HIDDEN)
     if may_be_met(view, frustum, pose, p, splat.scale, splat.opacity):
@@ -126,9 +128,12 @@ def least_opacity(settings: Settings) -> float:
 def order_key(shot: Shot) -> tuple[object, ...]:
     """Equal keys mean equal orders: all that `find_order` depends on. Holds the clouds, so no identity comes twice."""
     camera, settings = shot.camera, shot.settings
-    placed = tuple((i.cloud, np.asarray(i.world_from_object, np.float64).tobytes()) for i in shot.scene.instances)
+    placed = tuple(
+        (i.cloud, np.asarray(i.world_from_object, np.float64).tobytes(), i.look.visibility)
+        for i in shot.scene.instances
+    )
     lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far, camera.projection)
-    cut = (least_opacity(settings), settings.dilation_px2, settings.ray_order, settings.storage)
+    cut = (least_opacity(settings), settings.dilation_px2, settings.point_scale, settings.ray_order, settings.storage)
     return placed, np.asarray(camera.camera_from_world).tobytes(), lens, camera.rendered_window, cut
 
 

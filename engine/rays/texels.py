@@ -16,6 +16,7 @@ from ..buffers import Buffers
 from ..camera import Camera
 from ..device import launch
 from ..device_cloud import DeviceCloud, read_dc, read_rest, read_rotation, read_splat
+from ..device_look import DeviceLook
 from ..errors import StippleError
 from ..scene import Scene
 from ..splats import SH_REST_COUNT
@@ -105,30 +106,36 @@ def _pack(cloud: DeviceCloud, begin: int, texels: FloatArray, buffers: Buffers) 
         texels[at : at + count] = piece.numpy()
 
 
-def pack_instances(scene: Scene, camera: Camera, clouds: Sequence[DeviceCloud]) -> tuple[FloatArray, list[DeviceCloud]]:
-    """(I, 5, 4) and the distinct clouds in the order in which their records must follow each other.
+def pack_instances(
+    scene: Scene, camera: Camera, clouds: Sequence[DeviceCloud], looks: Sequence[DeviceLook]
+) -> tuple[FloatArray, list[DeviceCloud]]:
+    """(I, 9, 4) and the distinct clouds in the order in which their records must follow each other.
 
-    `clouds` run in parallel with the scene's instances. Per instance: the rows of camera_from_object; the eye in object
-    space (orthographic: the forward direction) and the cloud's SH degree; the cloud's first texel (high, low), texels
-    per splat, and how many Jacobi sweeps the linear part needs (none where it only turns, mirrors and scales evenly).
-    Composed in float64.
+    `clouds` and `looks` run in parallel with the scene's instances. Per instance: the rows of camera_from_object; the
+    eye in object space (orthographic: the forward direction) and the highest SH degree; the cloud's first texel (high,
+    low), texels per splat, and how many Jacobi sweeps the linear part needs (none where it only turns, mirrors and
+    scales evenly); then of the look: size, opacity (or what stands for it where another display shows), variance of the
+    filter [px²] and 1 to modulate opacity (Eq. 17); the rows of its light matrix, each with 1 if it is to be used.
+    Composed in float64. Crops are the order's affair.
     """
     distinct = list({id(cloud): cloud for cloud in clouds}.values())
     sizes = [cloud.splat_count * texels_per_splat(cloud.sh_degree) for cloud in distinct]
     first_texel = {id(cloud): sum(sizes[:k]) for k, cloud in enumerate(distinct)}
     texels = np.zeros((len(scene.instances), INSTANCE_TEXELS, 4), np.float32)
     rotation, shift = camera.camera_from_world[:, :3], camera.camera_from_world[:, 3]
-    for row, instance, cloud in zip(texels, scene.instances, clouds, strict=True):
+    for row, instance, cloud, look in zip(texels, scene.instances, clouds, looks, strict=True):
         to_world = np.asarray(instance.world_from_object, np.float64)
         linear, translation = rotation @ to_world[:, :3], rotation @ to_world[:, 3] + shift
         inverse = np.linalg.pinv(linear)  # a flattened object still renders
         forward = inverse[:, 2] / max(float(np.linalg.norm(inverse[:, 2])), 1e-30)
         row[:3, :3], row[:3, 3] = linear, translation
         row[3, :3] = forward if camera.projection == "orthographic" else -inverse @ translation
-        row[3, 3] = cloud.sh_degree
+        row[3, 3] = min(cloud.sh_degree, look.sh_degree)
         row[4, :2] = divmod(first_texel[id(cloud)], 1 << 16)
         row[4, 2] = texels_per_splat(cloud.sh_degree)
         row[4, 3] = 0 if keeps_angles(linear) else JACOBI_SWEEPS
+        row[5] = look.size, look.shown_opacity or look.opacity, look.dilation_px2, look.antialiased
+        row[6:, :3], row[6:, 3] = np.reshape(look.light, (3, 3)), look.graded
     return texels, distinct
 
 

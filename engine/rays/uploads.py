@@ -35,7 +35,8 @@ class RasterScene:
 
     def upload(self, shot: Shot) -> None:
         """Clouds (if they are other ones than before) and instances."""
-        instances, clouds = pack_instances(shot.scene, shot.camera, shot.clouds)
+        looks = [pose.look for pose in shot.poses]
+        instances, clouds = pack_instances(shot.scene, shot.camera, shot.clouds, looks)
         largest = self.host.largest_texture
         self.host.upload(INSTANCES, as_rectangle(instances, largest, largest, "instances"))
         storage = shot.settings.storage  # decides which splat is which

@@ -63,6 +63,26 @@ vec3 colour_towards(int record, int degree, vec3 d) {
               colour.b > 0.0 ? min(colour.b, 1e6) : 0.0);
 }
 
+float light_of(float encoded) { // the transfer functions of engine/device_look.py
+  return encoded <= 0.04045 ? encoded / 12.92 : pow((encoded + 0.055) / 1.055, 2.4);
+}
+
+float encoded_of(float light) { // what is not above 0, NaN too, becomes 0
+  float curve = 1.055 * pow(max(light, 0.0031308), 1.0 / 2.4) - 0.055;
+  return light > 0.0 ? (light <= 0.0031308 ? light * 12.92 : curve) : 0.0;
+}
+
+vec3 graded(vec3 colour, int instance) {
+  vec4 row0 = instance_texel(instance * INSTANCE_TEXELS + 6); // of the map of linear light; 1 if it is to be used
+  if (row0.w == 0.0) {
+    return colour;
+  }
+  vec3 row1 = instance_texel(instance * INSTANCE_TEXELS + 7).xyz;
+  vec3 row2 = instance_texel(instance * INSTANCE_TEXELS + 8).xyz;
+  vec3 light = vec3(light_of(colour.r), light_of(colour.g), light_of(colour.b));
+  return vec3(encoded_of(dot(row0.xyz, light)), encoded_of(dot(row1, light)), encoded_of(dot(row2, light)));
+}
+
 mat3 matrix_of(vec4 q) { // w, x, y, z of unit length
   float w = q.x, x = q.y, y = q.z, z = q.w;
   return mat3(vec3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
@@ -95,7 +115,7 @@ void main() {
   vec4 row0 = instance_texel(instance * INSTANCE_TEXELS); // camera_from_object, three rows
   vec4 row1 = instance_texel(instance * INSTANCE_TEXELS + 1);
   vec4 row2 = instance_texel(instance * INSTANCE_TEXELS + 2);
-  vec4 eye = instance_texel(instance * INSTANCE_TEXELS + 3); // in object space; forward for an orthographic camera. SH degree
+  vec4 eye = instance_texel(instance * INSTANCE_TEXELS + 3); // in object space; forward for an orthographic camera. Highest SH band
   vec4 place = instance_texel(instance * INSTANCE_TEXELS + 4); // first texel of the cloud in two parts, texels per splat, sweeps
   int record = first_texel(place.xy, splat, int(place.z));
 
@@ -107,17 +127,18 @@ void main() {
   float unit = parallel ? 1.0 / max(lens.x, lens.y) : largest * length(mu / largest);
   mu /= unit;
   mat3 linear = transpose(mat3(row0.xyz, row1.xyz, row2.xyz));
-  vec3 scale = splat_texel(record + 2).xyz / unit;
+  vec4 look = instance_texel(instance * INSTANCE_TEXELS + 5); // size, opacity, variance of the filter [px^2], 1 for Eq. 17
+  vec3 scale = splat_texel(record + 2).xyz * look.x / unit;
   mat3 M = linear * matrix_of(splat_texel(record + 1));
   M[0] *= min(scale.x, LARGEST_S / max(length(M[0]), 1e-20));
   M[1] *= min(scale.y, LARGEST_S / max(length(M[1]), 1e-20));
   M[2] *= min(scale.z, LARGEST_S / max(length(M[2]), 1e-20));
 
   // Section 5: a pixel's area where the mean is, across the ray. (mu.z is the cosine: mu has length 1.)
-  float filter_variance = cut.z / (lens.x * lens.y) * (parallel ? 1.0 / (unit * unit) : mu.z * mu.z * mu.z);
+  float filter_variance = look.z / (lens.x * lens.y) * (parallel ? 1.0 / (unit * unit) : mu.z * mu.z * mu.z);
   vec3 ray = parallel ? vec3(0.0, 0.0, 1.0) : mu;
-  float o = min(position.w, 1.0);
-  Quad quad = quad_of(ray, M, int(place.w), o, filter_variance, cut.x, cut.w != 0.0, parallel);
+  float o = look.y < cut.z ? min(position.w * look.y, 1.0) : look.y;
+  Quad quad = quad_of(ray, M, int(place.w), o, filter_variance, cut.x, look.w != 0.0, parallel);
 
   vec2 z = quad.z_ray * corner.xy;                     // a column of Z_ray
   vec3 v = quad.q0 * z.x + quad.q1 * z.y + mu;       // a column of V_ray = T_ray H(Z_ray), Eq. 15
@@ -138,6 +159,6 @@ void main() {
   vec3 towards = parallel ? eye.xyz : position.xyz - eye.xyz;
   float distance_object = length(towards);
   vec3 direction = distance_object > 0.0 ? towards / distance_object : vec3(0.0);
-  radiance = vec4(colour_towards(record, min(modes.y, int(eye.w)), direction), quad.o);
+  radiance = vec4(graded(colour_towards(record, int(eye.w), direction), instance), quad.o);
   random_key = uvec2(uint(splat), scrambled(uint(modes.z) ^ scrambled(uint(instance))));
 }

@@ -14,6 +14,7 @@ from __future__ import annotations
 import warp as wp
 
 from ..device import launch
+from ..device_look import OPAQUE, RIM_SHADE, SHADE_SLOPE, SHADED
 from ..film import Film, FilmSums
 from .blend_cuda import blend_pixels_kernel
 from .order import Ordered
@@ -57,15 +58,18 @@ BLEND_ROW_NATIVE = f"""
         const i16 exponent = (__builtin_convertvector(n, i16) + 127) << 23;
         f16 scale;
         __builtin_memcpy(&scale, &exponent, sizeof(scale));
-        f16 alpha = __builtin_elementwise_min(place[2] * (e * scale), (f16)sampling.alpha_max);
+        const float limit = place[2] < {OPAQUE}f ? sampling.alpha_max : 1.0f;
+        f16 alpha = __builtin_elementwise_min(place[2] * (e * scale), (f16)limit);
         alpha = inside ? alpha : (f16)0.0f;
-        const f16 weight = through * alpha;
+        f16 weight = through * alpha;
         through -= weight;
         const wp::vec4 colour = colour_of[j];
+        depth += weight * colour[3];
+        if (place[2] >= {SHADED}f)
+            weight *= __builtin_elementwise_max(1.0f + {2 * SHADE_SLOPE}f * power, (f16){RIM_SHADE}f);
         red += weight * colour[0];
         green += weight * colour[1];
         blue += weight * colour[2];
-        depth += weight * colour[3];
     }}
     const int row = pixel_y * sampling.width;
     for (int i = 0; i < 16 && x0 + i < sampling.width; ++i) {{

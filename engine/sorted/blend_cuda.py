@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from ..device_look import OPAQUE, RIM_SHADE, SHADE_SLOPE, SHADED
 from ..film import FilmSums
 from .order import Ordered
 from .sampling import STOP_TRANSMITTANCE, Sampling
@@ -48,11 +49,13 @@ BLEND_PIXEL_NATIVE = f"""
             const float o0 = shape.x * dx, o1 = shape.y * dx + shape.z * dy;
             const float power = -0.5f * (o0 * o0 + o1 * o1);
             if (power < place.w) continue;
-            const float alpha = fminf(place.z * expf(power), sampling.alpha_max);
-            const float weight = through * alpha;
-            const float4 colour = shared_colour[k];
-            red += weight * colour.x; green += weight * colour.y; blue += weight * colour.z; depth += weight * colour.w;
+            const float alpha = fminf(place.z * expf(power), place.z < {OPAQUE}f ? sampling.alpha_max : 1.0f);
+            float weight = through * alpha;
             through -= weight;
+            const float4 colour = shared_colour[k];
+            depth += weight * colour.w;
+            if (place.z >= {SHADED}f) weight *= fmaxf(1.0f + {2 * SHADE_SLOPE}f * power, {RIM_SHADE}f);
+            red += weight * colour.x; green += weight * colour.y; blue += weight * colour.z;
             done = through < {STOP_TRANSMITTANCE}f;
         }}
     }}

@@ -12,6 +12,7 @@ from stipple.engine.buffers import Buffers
 from stipple.engine.camera import Camera
 from stipple.engine.device import choose_device
 from stipple.engine.device_cloud import upload_cloud
+from stipple.engine.device_look import make_device_look
 from stipple.engine.errors import StippleError
 from stipple.engine.rays import interface
 from stipple.engine.rays.host import batch_corners, batch_triangles
@@ -68,7 +69,8 @@ def test_instances_share_the_records_of_a_cloud() -> None:
     moved = np.hstack([np.eye(3), [[1.0], [2.0], [3.0]]])
     scene = Scene((Instance(first), Instance(second), Instance(first, moved)))
     held = [upload_cloud(cloud, choose_device("cpu")) for cloud in (first, second)]
-    texels, clouds = pack_instances(scene, front_camera(), [held[0], held[1], held[0]])
+    looks = [make_device_look(i.look, i.world_from_object, Settings()) for i in scene.instances]
+    texels, clouds = pack_instances(scene, front_camera(), [held[0], held[1], held[0]], looks)
     assert [cloud is wanted for cloud, wanted in zip(clouds, held, strict=True)] == [True, True]
     starts = texels[:, 4, 0] * 65536 + texels[:, 4, 1]
     assert starts.tolist() == [0, 7 * 16, 0]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .blend import BlendInput, blend
+from .look import graded, looked, overridden
 from .projection import project, view_directions
 from .scene_like import CameraLike, Float64Array, SceneLike
 from .sh import colour
@@ -69,11 +70,12 @@ def gather(
 ) -> BlendInput:
     """Every visible splat of every instance, in the order that decides ties: instance, then splat."""
     parts = [BlendInput(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))]
-    for instance in scene.instances:
-        seen = project(instance, camera, dilation_px2=dilation_px2, antialiased=antialiased, alpha_min=alpha_min)
+    for placed in scene.instances:
+        instance, (compensated, degree) = looked(placed), overridden(placed, antialiased, sh_degree)
+        seen = project(instance, camera, dilation_px2=dilation_px2, antialiased=compensated, alpha_min=alpha_min)
         directions = view_directions(instance, camera, seen.index)
         cloud = instance.cloud
-        rgb = colour(cloud.sh_dc[seen.index], cloud.sh_rest[seen.index], directions, sh_degree)
+        rgb = graded(colour(cloud.sh_dc[seen.index], cloud.sh_rest[seen.index], directions, degree), placed)
         finite = np.isfinite(rgb).all(axis=1)
         arrays = (seen.mean_px, seen.covariance_px2, seen.depth, seen.opacity, rgb)
         parts.append(BlendInput(*(array[finite] for array in arrays)))

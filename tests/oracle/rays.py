@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .blend import box_filter
+from .look import graded, looked, overridden
 from .picture import OraclePicture
 from .projection import camera_from_object, rotation_matrices, view_directions
 from .scene_like import CameraLike, Float64Array, InstanceLike, IntArray, SceneLike
@@ -88,6 +89,8 @@ def gather_instance(
     sh_degree: int | None,
 ) -> RaySplats:
     """The primitives of one instance that may show."""
+    placed, instance = instance, looked(instance)
+    antialiased, sh_degree = overridden(placed, antialiased, sh_degree)
     cloud, affine = instance.cloud, camera_from_object(instance, camera)
     mean = np.asarray(cloud.position, np.float64) @ affine[:, :3].T + affine[:, 3]
     factor = affine[:, :3] @ (rotation_matrices(cloud.rotation) * np.asarray(cloud.scale, np.float64)[:, None, :])
@@ -108,6 +111,7 @@ def gather_instance(
     kappa = -2.0 * np.log(alpha_min / opacity)
     kept = (kappa > 0) & (c2 > kappa)
     rgb = colour(cloud.sh_dc[index], cloud.sh_rest[index], view_directions(instance, camera, index), sh_degree)
+    rgb = graded(rgb, placed)
     kept &= np.isfinite(rgb).all(axis=1)
     radius = np.sqrt(np.maximum(kappa, 0.0)) * filtered.max(axis=1, initial=0.0)
     arrays = (mean, whitening, opacity, kappa, rgb, radius)

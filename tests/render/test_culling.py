@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pytest
 
 from stipple.engine.camera import Camera, look_at
+from stipple.engine.look import Crop, Look
 from stipple.engine.points import method
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
@@ -65,11 +66,25 @@ def boundless() -> Scene:
     )
 
 
+def looked() -> Scene:
+    """Walls that looks make larger, fainter, cropped, points and ellipsoids: bounds of groups must follow."""
+    ball = Crop(((0.9, 0, 0, 0.2), (0, 0.9, 0, 0), (0, 0, 9.0, 0)), "sphere", "outside")
+    looks = (
+        Look(size=6.0, opacity=0.5, crops=(ball,)),
+        Look(display="ellipsoids", size=2.0, crops=(ball,)),
+        Look(display="points", point_px=14.0, exposure=1.0),
+        Look(gain=(0.2, 1.0, 1.5), opacity=3.0),
+    )
+    walls = [wall(2.0 + step, 6_000, step, opacity=0.3 + 0.2 * step) for step in range(4)]
+    return Scene(tuple(Instance(cloud, look=look) for cloud, look in zip(walls, looks, strict=True)))
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "walls": stacked_walls,
     "fence": thin_foreground,
     "instances": sheared_instances,
     "boundless": boundless,
+    "looked": looked,
 }
 
 
