@@ -8,6 +8,8 @@ unless the brush builds up, dabs may come in any order and number, and the weake
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy.typing as npt
 import warp as wp
 
@@ -29,6 +31,7 @@ from .paint_layer import (
 from .paint_word import painted_dc
 from .rows import as_columns, copy_rows, no_rows
 from .step import Step
+from .under_brush import BLOCK_CPU, under_brush
 
 wp.set_module_options({"enable_backward": False})
 
@@ -67,6 +70,7 @@ def coverage_after(
 @wp.kernel
 def dab_colour_kernel(
     first: wp.int32,
+    block_size: wp.int32,
     brush: DeviceBrush,
     unit_from_object: Affine,
     position: wp.array(dtype=wp.vec3),
@@ -80,17 +84,23 @@ def dab_colour_kernel(
     base_rest: wp.array2d(dtype=wp.vec3),
     sh_rest: wp.array2d(dtype=wp.vec3),  # without columns: harmonics follow later
 ) -> None:
-    i = first + wp.tid()
-    after = coverage_after(brush, unit_from_object, i, position, state, limit, coverage)
-    if after < 0:
-        return
-    if coverage[i] == wp.uint16(0):
-        before[i] = paint[i]
-    coverage[i] = wp.uint16(after)
-    word = painted(brush, before[i], base_dc[i], float(after) / FULL)
-    paint[i] = word
-    sh_dc[i] = painted_dc(word, base_dc[i])
-    show_harmonics_of(i, word, base_dc, base_rest, sh_rest)
+    begin = (first + wp.tid()) * block_size
+    count = wp.min(block_size, position.shape[0] - begin)
+    found = under_brush(unit_from_object, position, state, brush.blocked, begin, count)
+    i = begin
+    while found != wp.uint64(0):
+        if (found & wp.uint64(1)) != wp.uint64(0):
+            after = coverage_after(brush, unit_from_object, i, position, state, limit, coverage)
+            if after >= 0:
+                if coverage[i] == wp.uint16(0):
+                    before[i] = paint[i]
+                coverage[i] = wp.uint16(after)
+                word = painted(brush, before[i], base_dc[i], float(after) / FULL)
+                paint[i] = word
+                sh_dc[i] = painted_dc(word, base_dc[i])
+                show_harmonics_of(i, word, base_dc, base_rest, sh_rest)
+        found = found >> wp.uint64(1)
+        i += 1
 
 
 @wp.kernel
@@ -126,6 +136,7 @@ def unpaint_opacity_kernel(
 @wp.kernel
 def dab_opacity_kernel(
     first: wp.int32,
+    block_size: wp.int32,
     brush: DeviceBrush,
     unit_from_object: Affine,
     position: wp.array(dtype=wp.vec3),
@@ -136,19 +147,25 @@ def dab_opacity_kernel(
     base_opacity: wp.array(dtype=wp.float32),
     opacity: wp.array(dtype=wp.float32),
 ) -> None:
-    i = first + wp.tid()
-    after = coverage_after(brush, unit_from_object, i, position, state, limit, coverage)
-    if after < 0:
-        return
-    if coverage[i] == wp.uint16(0):
-        before[i] = opacity[i]
-    coverage[i] = wp.uint16(after)
-    target = wp.where(brush.mode == OPACITY, brush.opacity, base_opacity[i])
-    if after == 65535:
-        opacity[i] = target
-    else:
-        amount = float(after) / FULL
-        opacity[i] = (1.0 - amount) * before[i] + amount * target
+    begin = (first + wp.tid()) * block_size
+    count = wp.min(block_size, position.shape[0] - begin)
+    found = under_brush(unit_from_object, position, state, brush.blocked, begin, count)
+    i = begin
+    while found != wp.uint64(0):
+        if (found & wp.uint64(1)) != wp.uint64(0):
+            after = coverage_after(brush, unit_from_object, i, position, state, limit, coverage)
+            if after >= 0:
+                if coverage[i] == wp.uint16(0):
+                    before[i] = opacity[i]
+                coverage[i] = wp.uint16(after)
+                target = wp.where(brush.mode == OPACITY, brush.opacity, base_opacity[i])
+                if after == 65535:
+                    opacity[i] = target
+                else:
+                    amount = float(after) / FULL
+                    opacity[i] = (1.0 - amount) * before[i] + amount * target
+        found = found >> wp.uint64(1)
+        i += 1
 
 
 @wp.kernel
@@ -220,12 +237,12 @@ class PaintStroke:
         inputs = [self._brush, device_affine(unit_from_object), cloud.array("position"), cloud.state, self._limit]
         inputs += [self._coverage, self._before]
         if self._paints_colour:
-            launch(dab_colour_kernel, cloud.splat_count, inputs + self._colour_arrays(harmonics), cloud.device)
+            self._launch(dab_colour_kernel, inputs + self._colour_arrays(harmonics))
             self._stale |= not harmonics
             cloud.touched("paint", "sh_dc", *(["sh_rest"] if harmonics else []))
         else:
             inputs += [cloud.array(name) for name in ("base_opacity", "opacity")]
-            launch(dab_opacity_kernel, cloud.splat_count, inputs, cloud.device)
+            self._launch(dab_opacity_kernel, inputs)
             cloud.touched("opacity")
 
     def show_harmonics(self) -> None:
@@ -265,6 +282,12 @@ class PaintStroke:
             launch(unpaint_opacity_kernel, cloud.splat_count, inputs, cloud.device)
             cloud.touched("opacity")
         self._coverage.zero_()
+
+    def _launch(self, kernel: wp.Kernel, inputs: list[Any]) -> None:
+        """Run a dab's kernel, which takes a block of splats at a time."""
+        cloud = self._cloud
+        size = 1 if cloud.device.is_cuda else BLOCK_CPU
+        launch(kernel, -(-cloud.splat_count // size), [size, *inputs], cloud.device, smallest_chunk=64)
 
     def _colour_arrays(self, harmonics: bool) -> list[wp.array]:
         arrays = [self._cloud.array(name) for name in ("base_dc", "paint", "sh_dc")]
