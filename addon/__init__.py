@@ -26,7 +26,28 @@ from . import (
     sequence_paths,
     ui,
 )
-from .operators import apply_transform, crops, import_cameras, import_splats, link_captures
+from .edit import keymap as edit_keymap
+from .edit import mode as edit_mode
+from .edit import properties as edit_properties
+from .edit import session as edit_session
+from .edit import tools as edit_tools
+from .edit import ui as edit_ui
+from .edit import visible as edit_visible
+from .operators import (
+    apply_transform,
+    crops,
+    edit_clean_up,
+    edit_flags,
+    edit_objects,
+    edit_paint,
+    edit_select,
+    edit_similar,
+    edit_transform,
+    export_splats,
+    import_cameras,
+    import_splats,
+    link_captures,
+)
 
 PARTS = (  # in order; undone in reverse
     preferences,
@@ -42,6 +63,21 @@ PARTS = (  # in order; undone in reverse
     import_cameras,
     apply_transform,
     crops,
+    edit_session,
+    edit_properties,
+    edit_mode,
+    edit_flags,
+    edit_select,
+    edit_transform,
+    edit_objects,
+    edit_paint,
+    edit_similar,
+    edit_clean_up,
+    export_splats,
+    edit_visible,
+    edit_keymap,
+    edit_tools,
+    edit_ui,
     render_engine,
     overlay,
     ui,

@@ -190,6 +190,11 @@ def prepare(device: str, method: str, progress: Callable[[float, str], None]) ->
     _prepared.add((device, method))
 
 
+def is_prepared(device: str, method: str) -> bool:
+    """Whether `prepare` would return at once."""
+    return (device, method) in _prepared
+
+
 worker = ViewportWorker(prepare)
 
 

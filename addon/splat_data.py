@@ -10,6 +10,7 @@ Names and meanings are those of Blender 5.3's native Gaussian splats:
 | `rotation`      | QUATERNION                            | w, x, y, z                                               |
 | `radiance:base` | FLOAT4 (FLOAT_COLOR before 5.2)       | raw SH DC r, g, b and activated opacity                  |
 | `radiance:sh_0` | FLOAT_VECTOR, one per SH coefficient  | raw coefficients of the bands above 0, in order, r, g, b |
+| `stipple_state` | INT, only while there is something    | flags of an edit: the bits of `engine.edit.state`        |
 
 Values travel bit by bit in both directions. Reading accepts original and evaluated datablocks of either kind.
 """
@@ -17,6 +18,7 @@ Values travel bit by bit in both directions. Reading accepts original and evalua
 from __future__ import annotations
 
 import zlib
+from collections.abc import Collection
 from typing import Any
 
 import bpy
@@ -31,6 +33,7 @@ CloudKey = tuple[int, ...]
 
 BASE = "radiance:base"
 SH_PREFIX = "radiance:sh_"
+STATE = "stipple_state"
 SOURCE_PROPERTY = "stipple_source"  # custom property of the datablock: the file it was read from
 SAMPLED_POINTS = 64
 POINT_TYPES = ("POINTCLOUD", "MESH")  # object types that can carry a capture
@@ -81,16 +84,50 @@ def datablock_from_cloud(cloud: SplatCloud, name: str) -> Any:
 
 def write_cloud(b_data: Any, cloud: SplatCloud) -> None:
     """Writes every attribute of the cloud to a datablock of as many points; other attributes stay as they are."""
-    write_attribute(b_data, "position", "FLOAT_VECTOR", cloud.position)
-    write_attribute(b_data, "scale", "FLOAT_VECTOR", cloud.scale)
-    write_attribute(b_data, "rotation", "QUATERNION", cloud.rotation)
-    base = np.concatenate([cloud.sh_dc, cloud.opacity[:, None]], axis=1)
-    write_attribute(b_data, BASE, _base_type(), base)
-    for index in range(cloud.sh_rest.shape[1]):
-        write_attribute(b_data, f"{SH_PREFIX}{index}", "FLOAT_VECTOR", cloud.sh_rest[:, index])
-    if isinstance(b_data, bpy.types.PointCloud):
+    write_arrays(b_data, cloud, ARRAY_NAMES)
+
+
+def write_arrays(b_data: Any, cloud: SplatCloud, names: Collection[str]) -> None:
+    """As `write_cloud`, but only the arrays of the cloud that are named."""
+    for name, data_type in (("position", "FLOAT_VECTOR"), ("scale", "FLOAT_VECTOR"), ("rotation", "QUATERNION")):
+        if name in names:
+            write_attribute(b_data, name, data_type, getattr(cloud, name))
+    if "sh_dc" in names or "opacity" in names:
+        base = np.concatenate([cloud.sh_dc, cloud.opacity[:, None]], axis=1)
+        write_attribute(b_data, BASE, _base_type(), base)
+    if "sh_rest" in names:
+        for index in range(cloud.sh_rest.shape[1]):
+            write_attribute(b_data, f"{SH_PREFIX}{index}", "FLOAT_VECTOR", cloud.sh_rest[:, index])
+    if ("scale" in names or "opacity" in names) and isinstance(b_data, bpy.types.PointCloud):
         write_attribute(b_data, "radius", "FLOAT", display_radius(cloud.scale, cloud.opacity))
     b_data.update_tag()
+
+
+def states_of(b_data: Any) -> npt.NDArray[np.uint32] | None:
+    """The flags of every point (N,), a copy; None where there is no attribute for them."""
+    b_attribute = b_data.attributes.get(STATE)
+    if b_attribute is None or b_attribute.domain != "POINT" or b_attribute.data_type != "INT":
+        return None
+    states = np.empty(len(b_attribute.data), np.uint32)
+    b_attribute.data.foreach_get("value", states)
+    return states
+
+
+def write_states(b_data: Any, states: npt.NDArray[np.uint32]) -> None:
+    """Writes the flags; the attribute is there only while one is set."""
+    b_attribute = b_data.attributes.get(STATE)
+    if b_attribute is not None and (not states.any() or states_of(b_data) is None):
+        b_data.attributes.remove(b_attribute)
+        b_attribute = None
+    if states.any():
+        b_attribute = b_attribute or b_data.attributes.new(STATE, "INT", "POINT")
+        b_attribute.data.foreach_set("value", np.ascontiguousarray(states, np.uint32))
+    b_data.update_tag()
+
+
+def usable_rows(b_data: Any, name: str) -> npt.NDArray[np.bool_]:
+    """Which points `cloud_from_datablock` does not leave out (N,). Raises StippleError as that does."""
+    return ~_degenerate(_raw_arrays(b_data, name))
 
 
 def cloud_from_datablock(b_data: Any, name: str) -> tuple[SplatCloud | None, int]:
@@ -101,15 +138,10 @@ def cloud_from_datablock(b_data: Any, name: str) -> tuple[SplatCloud | None, int
     negative scale or a zero quaternion are left out. None when no splat remains. Raises StippleError, naming `name`,
     when an attribute is missing or has the wrong type or domain.
     """
-    position, scale = read_attribute(b_data, "position", name), read_attribute(b_data, "scale", name)
-    rotation, base = read_attribute(b_data, "rotation", name), read_attribute(b_data, BASE, name)
-    sh_rest = np.empty((len(position), _sh_rest_count(b_data, name), 3), np.float32)
-    for index in range(sh_rest.shape[1]):
-        sh_rest[:, index] = read_attribute(b_data, f"{SH_PREFIX}{index}", name)
-    sh_dc, opacity = base[:, :3], base[:, 3]
-    bad = degenerate_mask(position, scale, rotation, opacity, base) | ~np.isfinite(sh_rest).all(axis=(1, 2))
+    raw = position, scale, rotation, base, sh_rest = _raw_arrays(b_data, name)
+    bad = _degenerate(raw)
     dropped = int(bad.sum())
-    arrays = [position, scale, _unit(rotation, ~bad), np.clip(opacity, 0, 1), sh_dc, sh_rest]
+    arrays = [position, scale, _unit(rotation, ~bad), np.clip(base[:, 3], 0, 1), base[:, :3], sh_rest]
     if dropped:
         arrays = [array[~bad] for array in arrays]
     if len(arrays[0]) == 0:
@@ -141,6 +173,21 @@ def sample_of(b_data: Any) -> tuple[float, ...]:
                 value = getattr(b_attribute.data[point], element)
                 values.extend((value,) if width == 1 else value)
     return tuple(values)
+
+
+def _raw_arrays(b_data: Any, name: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Position, scale, rotation, base and the higher coefficients as they are stored."""
+    position, scale = read_attribute(b_data, "position", name), read_attribute(b_data, "scale", name)
+    rotation, base = read_attribute(b_data, "rotation", name), read_attribute(b_data, BASE, name)
+    sh_rest = np.empty((len(position), _sh_rest_count(b_data, name), 3), np.float32)
+    for index in range(sh_rest.shape[1]):
+        sh_rest[:, index] = read_attribute(b_data, f"{SH_PREFIX}{index}", name)
+    return position, scale, rotation, base, sh_rest
+
+
+def _degenerate(raw: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]) -> npt.NDArray[np.bool_]:
+    position, scale, rotation, base, sh_rest = raw
+    return degenerate_mask(position, scale, rotation, base[:, 3], base) | ~np.isfinite(sh_rest).all(axis=(1, 2))
 
 
 def _new_points(name: str, count: int) -> Any:

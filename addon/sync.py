@@ -11,10 +11,12 @@ import numpy as np
 
 from ..engine.capture_file import CaptureFile
 from ..engine.errors import StippleError
-from ..engine.scene import Instance, Scene
+from ..engine.scene import Instance, Scene, SplatStates
 from ..engine.settings import Settings
 from ..engine.splats import SplatCloud
 from . import residency, sequence, world
+from .edit.session import preview_of
+from .edit.shown import states_in_render, states_in_viewport
 from .linked_capture import is_linked
 from .looks import ALL_SH_DEGREES, LookReader
 from .residency import CloudCache, EvaluatedClouds, linked
@@ -80,10 +82,16 @@ def viewport_instances(
                 return linked.capture_of(b_object.data, b_object.name), 0
             except StippleError as error:
                 problems[str(error)] = None
+        if (preview := preview_of(b_object)) is not None:
+            return preview.cloud, 0
         return known.cloud_of(b_object.data, b_object.name, uids)
 
+    def states_of(b_object: Any, dropped: int) -> SplatStates | None:
+        preview = preview_of(b_object)
+        return preview.states if preview else states_in_viewport(b_object, dropped, depsgraph.scene)
+
     with known.reading(changed), player.reading(depsgraph.scene):
-        instances, warnings = _instances(depsgraph, cloud_of)
+        instances, warnings = _instances(depsgraph, cloud_of, states_of)
     return instances, (*problems, *warnings, *player.warnings)
 
 
@@ -98,7 +106,11 @@ def changed_geometry(depsgraph: Any) -> set[int]:
     return {b_update.id.original.session_uid for b_update in depsgraph.updates if b_update.is_updated_geometry}
 
 
-def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def _instances(
+    depsgraph: Any,
+    cloud_of: Callable[[Any, Any], Shown],
+    states_of: Callable[[Any, int], SplatStates | None] = states_in_render,
+) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     instances: list[Instance] = []
     warnings: dict[str, None] = {}
     looks = LookReader(depsgraph, world.working_space())
@@ -113,8 +125,8 @@ def _instances(depsgraph: Any, cloud_of: Callable[[Any, Any], Shown]) -> tuple[t
         if dropped:
             warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
         if cloud is not None:
-            look = looks.look_of(b_instance)
-            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index, look))
+            look, states = looks.look_of(b_instance), states_of(b_object, dropped)
+            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index, look, states))
     return tuple(instances), (*warnings, *looks.notices)
 
 

@@ -12,6 +12,7 @@ import bpy
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
 from . import residency, sync, world
+from .edit.session import shown_previews
 from .sequence import SequencePlayer
 from .view_camera import view_of
 from .viewport import Aim, ViewportSession
@@ -58,7 +59,7 @@ class Viewport:
         """Draws the newest picture and sees whether it is still of what the viewport looks at."""
         self._time_redraw()
         b_space, b_scene = context.space_data, depsgraph.scene
-        if self._visibility != sync.visibility_of(b_space) or self._player.is_stale(b_scene):
+        if self._visibility != _visibility(b_space) or self._player.is_stale(b_scene):
             self._read(context, depsgraph, ())
         self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
@@ -104,7 +105,7 @@ class Viewport:
             self.session.render(self._raster)
 
     def _read(self, context: Any, depsgraph: Any, changed: Any) -> None:
-        self._visibility = sync.visibility_of(context.space_data)
+        self._visibility = _visibility(context.space_data)
         try:
             self._instances, warnings = sync.viewport_instances(
                 depsgraph, context.space_data, self._known, self._player, changed
@@ -133,3 +134,8 @@ class Viewport:
             residency.worker.wake()  # at once, not after drawing
             self.session.wait_a_moment()
         return ""
+
+
+def _visibility(b_space: Any) -> tuple[object, ...]:
+    """What a viewport shows without being told by the depsgraph."""
+    return (*sync.visibility_of(b_space), *shown_previews())

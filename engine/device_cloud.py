@@ -10,12 +10,17 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from .edit.state import acts, shown
 from .groups import SplatGroups
 from .maths.packing import unpack_colour, unpack_largest_scale, unpack_position, unpack_rotation, unpack_scale
 from .maths.sh import SH_C0, rest_count_of_degree, sh_basis
 from .splats import SH_REST_COUNT, SplatCloud, rest_words_of_degree
 
 wp.set_module_options({"enable_backward": False})
+
+HIGHLIGHT = (1.0, 0.45, 0.05)
+"""What selected splats are mixed with while a capture is edited (sRGB-encoded), half and half."""
+HIGHLIGHT_COLOUR = wp.constant(wp.vec3(*HIGHLIGHT))
 
 
 @wp.struct
@@ -45,6 +50,8 @@ class DeviceCloud:
     packed_rest: wp.array(dtype=wp.uint32)  # four coefficients each, as they follow each other: r, g, b, r, …
     rest_largest: wp.array(dtype=wp.float32)  # of a splat's coefficients, what 8 bits are relative to
 
+    state: wp.array(dtype=wp.uint32)  # flags of `edit.state` while it is edited, never of quantised clouds; or empty
+
 
 @wp.struct
 class Splat:
@@ -69,6 +76,8 @@ def read_splat(cloud: DeviceCloud, i: wp.int32) -> Splat:
         splat.position = cloud.position[i]
         splat.scale = cloud.scale[i]
         splat.opacity = cloud.opacity[i]
+    if cloud.state.shape[0] > 0 and not shown(cloud.state[i]):
+        splat.opacity = 0.0
     return splat
 
 
@@ -135,6 +144,8 @@ def read_colour(cloud: DeviceCloud, i: wp.int32, degree: wp.int32, direction: wp
         basis = sh_basis(bands, direction)
         for k in range(rest_count_of_degree(bands)):
             colour += basis[k] * read_rest(cloud, i, k)
+    if cloud.state.shape[0] > 0 and acts(cloud.state[i]):
+        colour = 0.5 * (colour + HIGHLIGHT_COLOUR)
     return wp.vec3(wp.max(colour[0], 0.0), wp.max(colour[1], 0.0), wp.max(colour[2], 0.0))
 
 
@@ -158,6 +169,15 @@ def upload_cloud(cloud: SplatCloud, device: wp.Device) -> DeviceCloud:
     result.opacity = to_device(cloud.opacity, wp.float32, device)
     result.sh_dc = to_device(cloud.sh_dc, wp.vec3, device)
     result.sh_rest = to_device(cloud.sh_rest.reshape(-1, 3), wp.vec3, device)
+    return result
+
+
+def with_state(cloud: DeviceCloud, state: wp.array) -> DeviceCloud:
+    """The same cloud, its arrays shared, under the flags (N,) uint32 of an edit. For clouds in full precision."""
+    result = DeviceCloud()
+    for name in DeviceCloud.vars:  # type: ignore[attr-defined]
+        setattr(result, name, getattr(cloud, name))
+    result.state = state
     return result
 
 

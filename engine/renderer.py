@@ -22,7 +22,7 @@ from .camera import Camera
 from .capture_file import CaptureFile
 from .cloud_upload import DeviceSource, upload_any
 from .device import choose_device
-from .device_cloud import DeviceCloud
+from .device_cloud import DeviceCloud, to_device, with_state
 from .device_look import make_device_look
 from .environment import BYTES_PER_PIXEL as ENVIRONMENT_BYTES
 from .environment import DeviceEnvironment, look_around, upload_environment
@@ -38,7 +38,7 @@ from .rays.method import RaysFrame
 from .rays.moderngl_device import ModernGLDevice
 from .rays.uploads import RasterScene
 from .reprojection import History
-from .scene import Background, Environment, EnvironmentImage, Scene
+from .scene import Background, Environment, EnvironmentImage, Instance, Scene, SplatStates
 from .settings import Settings
 from .shot import Shot
 from .sorted.method import SortedFrame
@@ -87,6 +87,7 @@ class Renderer:
         self._raster_host = raster_host
         self._raster: RasterScene | None = None
         self._clouds: dict[tuple[int, str], tuple[weakref.ref[SplatCloud | DeviceSource], DeviceCloud]] = {}
+        self._states: dict[int, tuple[SplatStates, wp.array]] = {}
         self._occlusion_memory = OcclusionMemory()
         self.history = History()
         self._environment: tuple[EnvironmentImage, DeviceEnvironment] | None = None
@@ -104,12 +105,21 @@ class Renderer:
 
     def device_clouds(self, scene: Scene, storage: str, progress: Progress) -> list[DeviceCloud]:
         """One per instance, shared by instances of one cloud; drops those the scene no longer has."""
-        clouds = {(id(instance.cloud), storage): instance.cloud for instance in scene.instances}
+        clouds = {_place_of(instance, storage): instance.cloud for instance in scene.instances}
         self._clouds = {key: held for key, held in self._clouds.items() if key in clouds and held[0]() is clouds[key]}
         for key, cloud in clouds.items():
             if key not in self._clouds:
-                self._clouds[key] = (weakref.ref(cloud), upload_any(cloud, self.device, storage, progress))
-        return [self._clouds[id(instance.cloud), storage][1] for instance in scene.instances]
+                self._clouds[key] = (weakref.ref(cloud), upload_any(cloud, self.device, key[1], progress))
+        shown = [self._clouds[_place_of(instance, storage)][1] for instance in scene.instances]
+        states = [instance.states for instance in scene.instances]
+        self._states = {id(held): self._states.get(id(held)) or self._upload(held) for held in states if held}
+        return [
+            with_state(cloud, self._states[id(held)][1]) if held else cloud
+            for cloud, held in zip(shown, states, strict=True)
+        ]
+
+    def _upload(self, states: SplatStates) -> tuple[SplatStates, wp.array]:
+        return states, to_device(states.words, wp.uint32, self.device)
 
     def environment(self, image: EnvironmentImage) -> DeviceEnvironment:
         """The image on the device; one is kept from frame to frame."""
@@ -162,10 +172,16 @@ class Renderer:
         """Give all device memory back. The renderer can be used again."""
         self.release_raster()
         self._clouds.clear()
+        self._states.clear()
         self._occlusion_memory.forget()
         self.history.forget()
         self.free_environment()
         self.buffers.free()
+
+
+def _place_of(instance: Instance, storage: str) -> tuple[int, str]:
+    """Under what a renderer keeps an instance's cloud; flags go by splats in the host's order, so never quantised."""
+    return id(instance.cloud), "full" if instance.states is not None else storage
 
 
 def picture_bytes(pixels: int, settings: Settings, background: Background) -> dict[str, int]:

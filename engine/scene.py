@@ -25,6 +25,16 @@ def identity_transform() -> npt.NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
+class SplatStates:
+    """The flags of a cloud that is edited: `words` (N,) uint32, bits as in `edit.state`. Recognised by identity.
+
+    Hidden and deleted splats are not drawn, selected ones are drawn highlighted.
+    """
+
+    words: npt.NDArray[np.uint32]
+
+
+@dataclass(frozen=True, eq=False)
 class Instance:
     """One placement of a cloud. Instances of one cloud share its memory on the device.
 
@@ -33,6 +43,7 @@ class Instance:
     - `name`: of the object, for messages.
     - `object_index`: the host's pass index, for masks.
     - `look`: how it is graded, cropped and displayed; changes neither cloud nor memory.
+    - `states`: flags of an edit, or None. Only for clouds that the host holds; they are drawn in full precision then.
     """
 
     cloud: SplatCloud | DeviceSource
@@ -40,6 +51,7 @@ class Instance:
     name: str = ""
     object_index: int = 0
     look: Look = Look()  # noqa: RUF009 - frozen
+    states: SplatStates | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,15 +7,18 @@ Loading one module from two threads at once would compile it twice: hosts call `
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import sys
 from collections.abc import Callable
 from types import ModuleType
 
 import warp as wp
 
-from . import light, renderer
+from . import edit, light, renderer
 
 PACKAGE = __name__.rpartition(".")[0]
+EDITING = "edit"  # stands for what edits need, as the name of a method does for what that needs
 CUDA_ONLY = "_cuda"  # how the name of a module ends whose kernels no CPU runs
 
 
@@ -32,11 +35,16 @@ def load_kernels(device: wp.Device, method: str, progress: Callable[[float, str]
 
 
 def kernel_modules(method: str, cuda: bool) -> list[ModuleType]:
-    """The engine's imported modules with kernels that `method`, or "edit", launches on a CPU or on CUDA."""
-    others = tuple(f"{PACKAGE}.{name}." for name in (*renderer.METHOD_FRAMES, "edit") if name != method)
+    """The engine's modules with kernels that `method`, or `EDITING`, launches on a CPU or on CUDA."""
+    own = f"{PACKAGE}."
+    if method == EDITING:
+        own = f"{edit.__name__}."
+        for found in pkgutil.iter_modules(edit.__path__, own):
+            importlib.import_module(found.name)
+    others = tuple(f"{PACKAGE}.{name}." for name in (*renderer.METHOD_FRAMES, EDITING) if name != method)
     modules = []
     for name, module in sorted(sys.modules.items()):
-        if not name.startswith(PACKAGE + ".") or name.startswith(others) or (name.endswith(CUDA_ONLY) and not cuda):
+        if not name.startswith(own) or name.startswith(others) or (name.endswith(CUDA_ONLY) and not cuda):
             continue
         if any(isinstance(value, wp.Kernel) and value.module.name == name for value in vars(module).values()):
             modules.append(module)

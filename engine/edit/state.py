@@ -10,17 +10,14 @@ from __future__ import annotations
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+from .state_bits import DELETED, HIDDEN, LOCKED, NOT_SELECTABLE, SELECTED
 
-SELECTED = 1
-HIDDEN = 2
-DELETED = 4
-LOCKED = 8  # shown, but neither selectable nor changeable
-# Bits 4 to 31 are free; whoever takes one adds it here.
+__all__ = ["DELETED", "HIDDEN", "LOCKED", "NOT_SELECTABLE", "SELECTED", "acts", "selectable", "shown"]
+
+wp.set_module_options({"enable_backward": False})
 
 SELECTED_BIT = wp.constant(wp.uint32(SELECTED))
 NOT_SHOWN_BITS = wp.constant(wp.uint32(HIDDEN | DELETED))
-NOT_SELECTABLE = HIDDEN | DELETED | LOCKED
 NOT_SELECTABLE_BITS = wp.constant(wp.uint32(NOT_SELECTABLE))
 
 

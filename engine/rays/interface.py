@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..device_cloud import HIGHLIGHT
 from ..device_look import RIM_SHADE, SHADE_SLOPE
 
 GLSL_VERSION = "#version 400 core"  # 400 for per-sample interpolation
@@ -46,11 +47,12 @@ QUADS_PER_BATCH = 64
 """Splats per instance of the draw. One would do, but hardware fills its lanes with the vertices of one instance, and
 four do not fill them; llvmpipe spends microseconds on each."""
 INSTANCE_TEXELS = 9
-DEFINES: dict[str, int | float] = {
+DEFINES: dict[str, object] = {
     "QUADS_PER_BATCH": QUADS_PER_BATCH,
     "INSTANCE_TEXELS": INSTANCE_TEXELS,
     "SHADE_SLOPE": SHADE_SLOPE,
     "RIM_SHADE": RIM_SHADE,
+    "HIGHLIGHT": ", ".join(str(channel) for channel in HIGHLIGHT),
 }
 
 CONSTANTS = (

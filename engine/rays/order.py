@@ -18,7 +18,9 @@ from ..camera import Camera
 from ..device import launch
 from ..device_cloud import DeviceCloud, read_splat
 from ..device_look import dressed, opaque_from
+from ..edit.state import NOT_SELECTABLE, SELECTED
 from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key, make_view
+from ..scene import Scene
 from ..settings import Settings
 
 if TYPE_CHECKING:
@@ -32,10 +34,14 @@ LEAST_ALPHA_MIN = 1e-6  # of p_min, which must not be 0: every support would be 
 
 @dataclass(frozen=True, eq=False)
 class DrawOrder:
-    """What to draw, one after the other: `splat` of its cloud and `instance` of the scene, int32 (N,) each."""
+    """What to draw, one after the other: `splat` of its cloud and `instance` of the scene, int32 (N,) each.
+
+    `highlighted` (N,): selected in an edit.
+    """
 
     splat: npt.NDArray[np.int32]
     instance: npt.NDArray[np.int32]
+    highlighted: npt.NDArray[np.bool_]
 
     @property
     def count(self) -> int:
@@ -129,7 +135,7 @@ def order_key(shot: Shot) -> tuple[object, ...]:
     """Equal keys mean equal orders: all that `find_order` depends on. Holds the clouds, so no identity comes twice."""
     camera, settings = shot.camera, shot.settings
     placed = tuple(
-        (i.cloud, np.asarray(i.world_from_object, np.float64).tobytes(), i.look.visibility)
+        (i.cloud, i.states, np.asarray(i.world_from_object, np.float64).tobytes(), i.look.visibility)
         for i in shot.scene.instances
     )
     lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far, camera.projection)
@@ -154,4 +160,14 @@ def find_order(shot: Shot) -> DrawOrder:
     else:
         drawn = np.flatnonzero(keys.numpy()[:total] != int(HIDDEN))
     instance = np.searchsorted(offsets, drawn, side="right") - 1
-    return DrawOrder((drawn - offsets[instance]).astype(np.int32), instance.astype(np.int32))
+    splat = (drawn - offsets[instance]).astype(np.int32)
+    return DrawOrder(splat, instance.astype(np.int32), _highlighted(shot.scene, splat, instance))
+
+
+def _highlighted(scene: Scene, splat: npt.NDArray[np.int32], instance: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    result = np.zeros(len(splat), bool)
+    for k, placed in enumerate(scene.instances):
+        if placed.states is not None:
+            here = instance == k
+            result[here] = (placed.states.words[splat[here]] & (NOT_SELECTABLE | SELECTED)) == SELECTED
+    return result

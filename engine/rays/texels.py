@@ -145,11 +145,14 @@ def keeps_angles(linear: npt.NDArray[np.float64]) -> bool:
     return bool(np.abs(gram - np.trace(gram) / 3.0 * np.eye(3)).max() <= 1e-7 * np.trace(gram))
 
 
-def pack_order(splat: npt.NDArray[np.integer], instance: npt.NDArray[np.integer]) -> FloatArray:
-    """(N, 4): splat (high, low), instance, 0."""
+def pack_order(
+    splat: npt.NDArray[np.integer], instance: npt.NDArray[np.integer], highlighted: npt.NDArray[np.bool_]
+) -> FloatArray:
+    """(N, 4): splat (high, low), instance, 1 to highlight it."""
     texels = np.zeros((len(splat), 4), np.float32)
     texels[:, 0], texels[:, 1] = np.divmod(splat, 1 << 16)
     texels[:, 2] = instance
+    texels[:, 3] = highlighted
     return texels
 
 

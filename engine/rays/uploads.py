@@ -59,7 +59,7 @@ class RasterScene:
         if order is not self._order:
             self._order = None
             largest = self.host.largest_texture
-            texels = pack_order(order.splat, order.instance)
+            texels = pack_order(order.splat, order.instance, order.highlighted)
             self.host.upload(ORDER, as_rectangle(texels, largest, largest, "the splats in view"))
             self._order = order
         self._order_key = key

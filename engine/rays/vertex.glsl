@@ -159,6 +159,8 @@ void main() {
   vec3 towards = parallel ? eye.xyz : position.xyz - eye.xyz;
   float distance_object = length(towards);
   vec3 direction = distance_object > 0.0 ? towards / distance_object : vec3(0.0);
-  radiance = vec4(graded(colour_towards(record, int(eye.w), direction), instance), quad.o);
+  vec3 trained = colour_towards(record, int(eye.w), direction);
+  trained += 0.5 * drawn.w * (vec3(HIGHLIGHT) - trained);
+  radiance = vec4(graded(trained, instance), quad.o);
   random_key = uvec2(uint(splat), scrambled(uint(modes.z) ^ scrambled(uint(instance))));
 }

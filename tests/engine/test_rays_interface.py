@@ -95,7 +95,7 @@ def test_batches_hold_whole_quads() -> None:
 
 def test_indices_beyond_a_floats_precision_survive() -> None:
     splat = np.array([0, 1, (1 << 24) + 1, (1 << 31) - 1])
-    texels = pack_order(splat, np.array([0, 1, 2, 3]))
+    texels = pack_order(splat, np.array([0, 1, 2, 3]), np.zeros(4, bool))
     assert (texels[:, 0].astype(np.int64) * 65536 + texels[:, 1].astype(np.int64) == splat).all()
 
 

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What an edit works on: a datablock's splats on the device, read again whenever the datablock is no longer the same.
+
+The datablock is the truth. An operator asks for a session, makes a step of `engine.edit` in it and commits: the arrays
+that changed are written back, and Blender's undo sees an ordinary change of attributes. So undo, redo, scripts, nodes'
+results and reloaded files need no message to get here: the next operator compares checksums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ...engine.errors import StippleError
+from ...engine.scene import SplatStates
+from ...engine.splats import ARRAY_NAMES, SplatCloud
+from .. import residency
+from ..linked_capture import is_linked
+from ..point_rows import Rows, check_points_only, replace_points
+from ..sequence import plays
+from ..splat_data import (
+    CloudKey,
+    cloud_from_datablock,
+    is_capture,
+    key_of,
+    splat_count_of,
+    states_of,
+    write_arrays,
+    write_states,
+)
+
+if TYPE_CHECKING:
+    import warp as wp
+
+    from ...engine.edit.editable_cloud import EditableCloud
+    from ...engine.edit.step import Step
+
+MOST_SESSIONS = 2  # each holds a capture once more
+_sessions: dict[int, EditSession] = {}  # by session_uid of the datablock, the one used last at the end
+
+
+class EditSession:
+    """A datablock's splats as an `EditableCloud`, and the contents of the datablock that they stand for."""
+
+    def __init__(self, b_data: Any, name: str, device: wp.Device) -> None:
+        from ...engine.edit.editable_cloud import EditableCloud
+
+        cloud, dropped = cloud_from_datablock(b_data, name)
+        if cloud is None or dropped:
+            raise StippleError(f"{name}: {dropped:,} splats have invalid values; use Clean Up > Delete Invalid first.")
+        self.name, self._key = name, key_of(b_data, name)
+        self.cloud: EditableCloud = EditableCloud.from_cloud(SplatCloud(**arrays_of(cloud), name=name), device)
+        self._put_states(states_of(b_data))
+        self._written = dict(self.cloud.versions)
+        self._snapshot: tuple[dict[str, int], SplatCloud] = (dict(self.cloud.versions), cloud)
+
+    def is_of(self, b_data: Any, key: CloudKey) -> bool:
+        """Whether the datablock still holds these splats; flags that differ are taken over."""
+        if key != self._key or self.cloud.splat_count != key[0]:
+            return False
+        states = states_of(b_data)
+        if not np.array_equal(self.states(), np.zeros(1, np.uint32) if states is None else states):
+            self._put_states(states)
+        return True
+
+    def states(self) -> np.ndarray:
+        """The flags (N,) uint32; on a CPU a view, valid until the next edit."""
+        return self.cloud.state.numpy()
+
+    def commit(self, b_data: Any, step: Step, sources: Rows | None = None, done: bool = False) -> bool:
+        """Does a step, unless it is `done`, and writes what it changed; False where it changes nothing.
+
+        `sources`: for steps that append splats, which splat each of them takes its other attributes from; negative for
+        none. When anything fails, cloud and datablock are as before and the error goes on.
+        """
+        if step.changed == 0:
+            return False
+        try:
+            if sources is not None:
+                check_points_only(b_data, self.name)
+            if not done:
+                step.apply(self.cloud)
+                done = True
+            self._write(b_data, sources)
+        except BaseException:
+            if done:
+                step.revert(self.cloud)
+                self._write_back(b_data)
+            raise
+        return True
+
+    def _write(self, b_data: Any, sources: Rows | None) -> None:
+        cloud, now = self.snapshot(), self.cloud.versions
+        changed = {name for name in now if now[name] != self._written[name]}
+        if sources is not None:
+            before = np.arange(splat_count_of(b_data))
+            replace_points(b_data, np.concatenate([before, sources]), self.name)
+        write_arrays(b_data, cloud, changed)
+        if "state" in changed:
+            write_states(b_data, self.states())
+        self._written = dict(now)
+        if changed - {"state"}:
+            self._key = key_of(b_data, self.name)
+
+    def _write_back(self, b_data: Any) -> None:
+        """After a failed writing, once the step is reverted."""
+        count = self.cloud.splat_count
+        if splat_count_of(b_data) != count:
+            replace_points(b_data, np.arange(count), self.name)
+        if self.cloud.versions != self._written:
+            write_arrays(b_data, self.snapshot(), ARRAY_NAMES)
+            write_states(b_data, self.states())
+        self._written = dict(self.cloud.versions)
+
+    def snapshot(self) -> SplatCloud:
+        """The splats as they are now, flags apart, safe from later edits; what did not change is shared."""
+        before, old = self._snapshot
+        now = self.cloud.versions
+        if self.cloud.splat_count != old.splat_count:
+            before = dict.fromkeys(before, -1)
+        values = {
+            name: getattr(old, name) if before[name] == now[name] else self.cloud.host(name).copy()
+            for name in ARRAY_NAMES
+        }
+        if any(values[name] is not getattr(old, name) for name in ARRAY_NAMES):
+            self._snapshot = (dict(now), SplatCloud(**values, name=self.name))
+        return self._snapshot[1]
+
+    def _put_states(self, states: np.ndarray | None) -> None:
+        if states is None:
+            self.cloud.state.zero_()
+        else:
+            self.cloud.state.assign(states)
+
+
+def arrays_of(cloud: SplatCloud) -> dict[str, Any]:
+    return {name: getattr(cloud, name) for name in ARRAY_NAMES}
+
+
+def session_of(b_object: Any, device: str, progress: Callable[[float, str], None]) -> EditSession:
+    """The session of an object's capture, in step with its datablock. Imports Warp; the first one compiles kernels.
+
+    Raises StippleError for what is no capture, cannot be changed, or does not fit in memory.
+    """
+    check_editable(b_object)
+    b_data = b_object.data
+    key = key_of(b_data, b_object.name)
+    session = _sessions.pop(b_data.session_uid, None)
+    if session is None or not session.is_of(b_data, key):
+        session = None  # before the new one is made: one of them is large enough
+        chosen = editing_device(device, progress)
+        session = EditSession(b_data, b_object.name, chosen)
+    _sessions[b_data.session_uid] = session
+    while len(_sessions) > MOST_SESSIONS:
+        _sessions.pop(next(iter(_sessions)))
+    return session
+
+
+def editing_device(
+    device: str, progress: Callable[[float, str], None] = lambda fraction, text: None, part: str = "edit"
+) -> wp.Device:
+    """The device for edits, the kernels of a method or "edit" loaded. Imports Warp; for the interface's thread.
+
+    Waits for the viewports only while kernels are loaded: what edits launch after that runs beside them.
+    Raises StippleError for a device that is not there.
+    """
+    if not residency.is_prepared(device, part):
+        with residency.worker.final_render(lambda: None):
+            residency.prepare(device, part, progress)
+    from ...engine.device import choose_device
+
+    return choose_device(device)
+
+
+def check_editable(b_object: Any) -> None:
+    """Raises StippleError, naming the object, for what is no capture or cannot be changed."""
+    if b_object is None or not is_capture(b_object.data):
+        name = "Edit Splats" if b_object is None else b_object.name
+        raise StippleError(f"{name}: this is no capture; make an imported capture the active object.")
+    if is_linked(b_object.data):
+        raise StippleError(f"{b_object.name}: its splats stay in their file; import the file to edit them.")
+    if plays(b_object):
+        raise StippleError(f"{b_object.name}: it plays a sequence of files; turn the sequence off to edit its splats.")
+    if not b_object.data.is_editable:
+        raise StippleError(f"{b_object.name}: its data is linked from another file; make it local first.")
+
+
+def drop(b_data: Any) -> None:
+    """Forgets what is held of a datablock; the next session reads it again."""
+    _sessions.pop(b_data.session_uid, None)
+
+
+def free() -> None:
+    _sessions.clear()
+
+
+@persistent
+def _free_before_load(*_: object) -> None:
+    free()
+
+
+def register() -> None:
+    bpy.app.handlers.load_pre.append(_free_before_load)
+
+
+def unregister() -> None:
+    bpy.app.handlers.load_pre.remove(_free_before_load)
+    free()
+
+
+@dataclass(frozen=True)
+class Preview:
+    """What a modal operator shows before it is written."""
+
+    cloud: SplatCloud
+    states: SplatStates
+
+
+_previews: dict[int, Preview] = {}  # by session_uid of the datablock
+
+
+def show_preview(b_data: Any, session: EditSession) -> None:
+    """Lets viewports show a session's splats in place of the datablock's."""
+    _previews[b_data.session_uid] = Preview(session.snapshot(), SplatStates(session.states().copy()))
+
+
+def end_preview(b_data: Any) -> None:
+    _previews.pop(b_data.session_uid, None)
+
+
+def preview_of(b_object: Any) -> Preview | None:
+    """What to show in place of an evaluated object's data, if anything; never of what modifiers have changed."""
+    if not _previews or len(b_object.modifiers):
+        return None
+    return _previews.get(b_object.original.data.session_uid)
+
+
+def shown_previews() -> tuple[int, ...]:
+    """Changes whenever a preview does."""
+    return tuple(map(id, _previews.values()))

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Select by where splats are on the screen or in space, and by what they are."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
+
+from ...engine.errors import StippleError
+from ..edit.circle import CircleStroke
+from ..edit.gesture import GestureOperator
+from ..edit.operator import ENGINE_MODES, SELECT_MODES, SplatOperator, world_from_object
+from ..edit.screen import camera_of, from_top
+from ..edit.session import EditSession
+
+
+class MatchOperator(SplatOperator):
+    """Puts what `match` finds into the selection."""
+
+    mode: EnumProperty(name="Mode", items=SELECT_MODES, default="SET")  # type: ignore[valid-type]
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.selection import select
+
+        return select(session.cloud, self.match(context, session), ENGINE_MODES[self.mode])
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        raise NotImplementedError
+
+
+class ScreenOperator(MatchOperator):
+    """Finds splats on the screen; pixels count from the bottom left, as Blender's do."""
+
+    camera: StringProperty(  # type: ignore[valid-type]
+        name="Camera", description="Camera to look through at the render resolution, in place of the viewport"
+    )
+    visible_only: BoolProperty(  # type: ignore[valid-type]
+        name="Visible Only", description="Leave out what is behind other splats", default=False
+    )
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        camera = camera_of(context, self.camera)
+        found = self.match_on_screen(session, camera, world_from_object(context))
+        if self.visible_only:
+            from ..edit.visible import visible_mask
+
+            found = found & visible_mask(context, session, camera)
+        return found
+
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+        raise NotImplementedError
+
+
+class STIPPLE_OT_select_circle(CircleStroke, ScreenOperator, bpy.types.Operator):
+    """Select splats with a round brush"""
+
+    bl_idname = "stipple.select_circle"
+    bl_label = "Circle Select Splats"
+    x: IntProperty(name="X", subtype="PIXEL")  # type: ignore[valid-type]
+    y: IntProperty(name="Y", subtype="PIXEL")  # type: ignore[valid-type]
+    radius: IntProperty(name="Radius", default=50, min=1, subtype="PIXEL")  # type: ignore[valid-type]
+    border: BoolProperty(  # type: ignore[valid-type]
+        name="Borders", description="Also select splats whose border alone is touched", default=False
+    )
+
+    path: CollectionProperty(type=bpy.types.OperatorMousePath, options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        """One circle at x, y, or the stroke of circles that `path` holds."""
+        return self.stroke_step(context, session) if len(self.path) else super().step(context, session)
+
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+        return self.circle_at(session, camera, placed, (self.x, self.y))
+
+
+class STIPPLE_OT_select_box(GestureOperator, ScreenOperator, bpy.types.Operator):
+    """Select splats with a rectangle"""
+
+    bl_idname = "stipple.select_box"
+    bl_label = "Box Select Splats"
+    xmin: IntProperty(name="X Min", subtype="PIXEL")  # type: ignore[valid-type]
+    xmax: IntProperty(name="X Max", subtype="PIXEL")  # type: ignore[valid-type]
+    ymin: IntProperty(name="Y Min", subtype="PIXEL")  # type: ignore[valid-type]
+    ymax: IntProperty(name="Y Max", subtype="PIXEL")  # type: ignore[valid-type]
+    freehand: ClassVar[bool] = False
+
+    def set_path(self, points: list[tuple[float, float]]) -> None:
+        (self.xmin, self.ymin), (self.xmax, self.ymax) = np.sort(np.array(points, int), axis=0).tolist()
+
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+        from ...engine.edit.match_screen import match_rectangle
+
+        low, high = from_top(camera, [(self.xmin, self.ymin), (self.xmax, self.ymax)])
+        return match_rectangle(session.cloud, camera, low, high, placed)
+
+
+class STIPPLE_OT_select_lasso(GestureOperator, ScreenOperator, bpy.types.Operator):
+    """Select splats inside a line drawn around them"""
+
+    bl_idname = "stipple.select_lasso"
+    bl_label = "Lasso Select Splats"
+    path: CollectionProperty(type=bpy.types.OperatorMousePath, options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
+    freehand: ClassVar[bool] = True
+
+    def set_path(self, points: list[tuple[float, float]]) -> None:
+        self.path.clear()
+        for point in points:
+            self.path.add().loc = point
+
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+        from ...engine.edit.match_screen import match_polygon
+
+        corners = [tuple(b_point.loc) for b_point in self.path]
+        if len(corners) < 3:
+            raise StippleError("lasso: draw a line around something.")
+        return match_polygon(session.cloud, camera, from_top(camera, corners), placed)
+
+
+class STIPPLE_OT_select_depth(ScreenOperator, bpy.types.Operator):
+    """Select splats in a range of distances along the view direction"""
+
+    bl_idname = "stipple.select_depth"
+    bl_label = "Select Splats by Depth"
+    near: FloatProperty(name="Near", default=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    far: FloatProperty(name="Far", default=10.0, subtype="DISTANCE")  # type: ignore[valid-type]
+
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+        from ...engine.edit.match_screen import match_depth
+
+        return match_depth(session.cloud, camera, self.near, self.far, placed)
+
+
+class STIPPLE_OT_select_sphere(MatchOperator, bpy.types.Operator):
+    """Select splats in a ball"""
+
+    bl_idname = "stipple.select_sphere"
+    bl_label = "Select Splats in Sphere"
+    center: FloatVectorProperty(name="Center", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
+    radius: FloatProperty(name="Radius", default=1.0, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.match_space import match_sphere
+
+        return match_sphere(session.cloud, tuple(self.center), self.radius, world_from_object(context))
+
+
+class STIPPLE_OT_select_in_object(MatchOperator, bpy.types.Operator):
+    """Select splats in the box of an object: an empty's cube from -1 to 1, moved, turned and scaled as it is"""
+
+    bl_idname = "stipple.select_in_object"
+    bl_label = "Select Splats in Object"
+    object: StringProperty(name="Object", description="Object whose box is taken")  # type: ignore[valid-type]
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.match_space import match_box
+
+        return match_box(session.cloud, box_of(context, self.object), world_from_object(context))
+
+
+class STIPPLE_OT_select_opacity(MatchOperator, bpy.types.Operator):
+    """Select splats in a range of opacities"""
+
+    bl_idname = "stipple.select_opacity"
+    bl_label = "Select Splats by Opacity"
+    low: FloatProperty(name="Min", default=0.0, min=0.0, max=1.0)  # type: ignore[valid-type]
+    high: FloatProperty(name="Max", default=0.1, min=0.0, max=1.0)  # type: ignore[valid-type]
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.match_values import match_opacity
+
+        return match_opacity(session.cloud, self.low, self.high)
+
+
+class STIPPLE_OT_select_size(MatchOperator, bpy.types.Operator):
+    """Select splats by the longest of their three standard deviations"""
+
+    bl_idname = "stipple.select_size"
+    bl_label = "Select Splats by Size"
+    low: FloatProperty(name="Min", default=0.1, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    high: FloatProperty(name="Max", default=1e6, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.match_values import match_size
+
+        return match_size(session.cloud, self.low, self.high, world_from_object(context))
+
+
+def box_of(context: Any, name: str) -> Any:
+    """World matrix (3, 4) of an object of the scene. Raises StippleError where there is none."""
+    b_object = context.scene.objects.get(name)
+    if b_object is None:
+        raise StippleError(
+            f"{name or 'Box'}: this scene has no object of that name; add an empty cube around the splats."
+        )
+    return np.array(b_object.matrix_world, np.float64)[:3]
+
+
+CLASSES = (
+    STIPPLE_OT_select_circle,
+    STIPPLE_OT_select_box,
+    STIPPLE_OT_select_lasso,
+    STIPPLE_OT_select_depth,
+    STIPPLE_OT_select_sphere,
+    STIPPLE_OT_select_in_object,
+    STIPPLE_OT_select_opacity,
+    STIPPLE_OT_select_size,
+)
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Move, rotate, scale and mirror the selected splats; G, R and S follow the mouse, the keyboard axes and numbers."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty
+
+from ..edit.drag import DragOperator
+from ..edit.operator import SplatOperator, world_from_object
+from ..edit.session import EditSession
+
+AXES = (("X", "X", ""), ("Y", "Y", ""), ("Z", "Z", ""))
+PIVOTS = (
+    ("MEDIAN", "Median Point", "Middle of the selected splats"),
+    ("CURSOR", "3D Cursor", "The 3D cursor"),
+    ("ORIGIN", "Origin", "The object's origin"),
+)
+
+
+class TransformOperator(SplatOperator):
+    """Maps the selection; subclasses say in `matrix` how, in the world."""
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.transform import transform
+
+        matrix = self.matrix(self.pivot_of(context, session))
+        return transform(session.cloud, matrix, world_from_object(context), name=self.bl_label)  # type: ignore[attr-defined]
+
+    def matrix(self, pivot: np.ndarray) -> np.ndarray:
+        raise NotImplementedError
+
+    def pivot_of(self, context: Any, session: EditSession) -> np.ndarray:
+        """The fixed point in the world. Raises StippleError when nothing is selected."""
+        from ...engine.edit.pivot import median
+
+        placed = world_from_object(context)
+        middle = placed @ np.append(median(session.cloud), 1.0)
+        pivot = getattr(self, "pivot", "MEDIAN")
+        return {"MEDIAN": middle, "CURSOR": np.array(context.scene.cursor.location), "ORIGIN": placed[:, 3]}[pivot]
+
+
+class STIPPLE_OT_translate(TransformOperator, DragOperator, bpy.types.Operator):
+    """Move the selected splats"""
+
+    bl_idname = "stipple.translate"
+    bl_label = "Move Splats"
+    value: FloatVectorProperty(name="Move", subtype="TRANSLATION")  # type: ignore[valid-type]
+    kind: ClassVar[str] = "translate"
+
+    def matrix(self, pivot: np.ndarray) -> np.ndarray:
+        from ...engine.edit import affine
+
+        return affine.translation(tuple(self.value))
+
+
+class STIPPLE_OT_rotate(TransformOperator, DragOperator, bpy.types.Operator):
+    """Rotate the selected splats, with the colors that depend on the view"""
+
+    bl_idname = "stipple.rotate"
+    bl_label = "Rotate Splats"
+    value: FloatProperty(name="Angle", subtype="ANGLE", step=100)  # type: ignore[valid-type]
+    axis: FloatVectorProperty(name="Axis", default=(0.0, 0.0, 1.0), subtype="XYZ")  # type: ignore[valid-type]
+    pivot: EnumProperty(name="Pivot", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+    kind: ClassVar[str] = "rotate"
+
+    def matrix(self, pivot: np.ndarray) -> np.ndarray:
+        from ...engine.edit import affine
+
+        return affine.rotation(tuple(self.axis), self.value, pivot)
+
+
+class STIPPLE_OT_resize(TransformOperator, DragOperator, bpy.types.Operator):
+    """Scale the selected splats, their sizes and their distances"""
+
+    bl_idname = "stipple.resize"
+    bl_label = "Scale Splats"
+    value: FloatVectorProperty(name="Scale", default=(1.0, 1.0, 1.0), subtype="XYZ")  # type: ignore[valid-type]
+    pivot: EnumProperty(name="Pivot", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+    kind: ClassVar[str] = "resize"
+
+    def matrix(self, pivot: np.ndarray) -> np.ndarray:
+        from ...engine.edit import affine
+
+        return affine.scaling(tuple(self.value), pivot)
+
+
+class STIPPLE_OT_mirror(TransformOperator, bpy.types.Operator):
+    """Mirror the selected splats along a world axis"""
+
+    bl_idname = "stipple.mirror"
+    bl_label = "Mirror Splats"
+    axis: EnumProperty(name="Axis", items=AXES, default="X")  # type: ignore[valid-type]
+    pivot: EnumProperty(name="Pivot", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+
+    def matrix(self, pivot: np.ndarray) -> np.ndarray:
+        from ...engine.edit import affine
+
+        return affine.mirroring(np.eye(3)["XYZ".index(self.axis)], pivot)
+
+
+class STIPPLE_OT_duplicate(SplatOperator, bpy.types.Operator):
+    """Duplicate the selected splats; the copies are selected"""
+
+    bl_idname = "stipple.duplicate"
+    bl_label = "Duplicate Splats"
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.duplicate import duplicate
+
+        return duplicate(session.cloud)
+
+    def sources(self, session: EditSession) -> np.ndarray:
+        return session.cloud.selection().indices().numpy()
+
+
+class STIPPLE_OT_duplicate_move(bpy.types.Macro):
+    """Duplicate the selected splats and move the copies"""
+
+    bl_idname = "stipple.duplicate_move"
+    bl_label = "Duplicate and Move Splats"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
+
+
+CLASSES = (
+    STIPPLE_OT_translate,
+    STIPPLE_OT_rotate,
+    STIPPLE_OT_resize,
+    STIPPLE_OT_mirror,
+    STIPPLE_OT_duplicate,
+    STIPPLE_OT_duplicate_move,
+)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    STIPPLE_OT_duplicate_move.define(STIPPLE_OT_duplicate.bl_idname.replace("stipple.", "STIPPLE_OT_"))
+    STIPPLE_OT_duplicate_move.define("STIPPLE_OT_translate")
+
+
+def unregister() -> None:
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""File > Export > Gaussian Splats: captures as they stand in the world, or as they are, deleted splats left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from ...engine.edit.state_bits import DELETED, SELECTED
+from ...engine.errors import StippleError
+from ...engine.splats import ARRAY_NAMES, SplatCloud
+from ..edit.mode import Reported
+from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, states_of, usable_rows
+
+CONTENTS = (
+    ("VISIBLE", "All Captures", "All captures that are visible in the view layer"),
+    ("SELECTED", "Selected Objects", "Captures that are selected objects"),
+    ("SPLATS", "Selected Splats", "Only selected splats of the selected captures"),
+)
+
+
+class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
+    """Export captures as 3DGS PLY files, with every edit in them"""
+
+    bl_idname = "export_scene.splats"
+    bl_label = "Export Gaussian Splats"
+    bl_options = {"PRESET"}  # noqa: RUF012 - Blender reads a set here
+
+    filename_ext = ".ply"
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})  # type: ignore[valid-type]
+    content: EnumProperty(name="Include", items=CONTENTS, default="SELECTED")  # type: ignore[valid-type]
+    apply_transform: BoolProperty(  # type: ignore[valid-type]
+        name="Apply Transform",
+        description="Write splats where they are in the world, sizes and view-dependent color with them",
+        default=True,
+    )
+    per_object: BoolProperty(  # type: ignore[valid-type]
+        name="File per Object", description="Write one file per object, with its name added", default=False
+    )
+
+    def execute(self, context: Any) -> set[str]:
+        """Writes nothing unless everything can be written."""
+        with Reported(self):
+            clouds = [(b_object, self._cloud_of(b_object)) for b_object in self._objects(context)]
+            found = [(b_object, cloud) for b_object, cloud in clouds if cloud is not None]
+            if not found:
+                raise StippleError("Export: there is no capture with such splats; select one and try again.")
+            count = self._write(found)
+            self.report({"INFO"}, f"Exported {count:,} splats of {len(found)} capture(s).")
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+    def _objects(self, context: Any) -> list[Any]:
+        b_objects = context.view_layer.objects if self.content == "VISIBLE" else context.selected_objects
+        return [
+            b_object
+            for b_object in b_objects
+            if b_object.type in POINT_TYPES and is_capture(b_object.data) and b_object.visible_get()
+        ]
+
+    def _cloud_of(self, b_object: Any) -> SplatCloud | None:
+        """What is written of an object; None where that is nothing. Raises StippleError for broken attributes."""
+        cloud, dropped = cloud_from_datablock(b_object.data, b_object.name)
+        if cloud is None:
+            return None
+        states = states_of(b_object.data)
+        if states is not None and dropped:
+            states = states[usable_rows(b_object.data, b_object.name)]
+        if states is None:
+            states = np.zeros(cloud.splat_count, np.uint32)
+        kept = (states & DELETED) == 0
+        if self.content == "SPLATS":
+            kept &= (states & SELECTED) != 0
+        if dropped:
+            self.report({"WARNING"}, f"{b_object.name}: {dropped:,} splats have invalid values and are left out.")
+        if not kept.any():
+            return None
+        if not kept.all():
+            cloud = SplatCloud(**{name: getattr(cloud, name)[kept] for name in ARRAY_NAMES}, name=b_object.name)
+        matrix = np.array(b_object.matrix_world, np.float64)[:3]
+        if not self.apply_transform or np.array_equal(matrix, np.eye(3, 4)):
+            return cloud
+        from ...engine.edit.transform import transform_cloud
+
+        return transform_cloud(cloud, matrix)
+
+    def _write(self, found: list[tuple[Any, SplatCloud]]) -> int:
+        from ...engine.edit.duplicate import merge_clouds
+        from ...engine.formats import write_splats
+
+        path = Path(bpy.path.abspath(self.filepath))
+        targets = [(path, found[0][1])]
+        if self.per_object and len(found) > 1:
+            targets = [
+                (path.with_stem(f"{path.stem}_{bpy.path.clean_name(b_object.name)}"), cloud)
+                for b_object, cloud in found
+            ]
+        elif len(found) > 1:
+            targets = [(path, merge_clouds([cloud for _, cloud in found], path.stem))]
+        for target, cloud in targets:
+            write_splats(target, cloud)
+        return sum(cloud.splat_count for _, cloud in targets)
+
+
+def _draw_menu_entry(self: Any, context: Any) -> None:
+    self.layout.operator(EXPORT_SCENE_OT_splats.bl_idname, text="Gaussian Splats (.ply)")
+
+
+def register() -> None:
+    bpy.utils.register_class(EXPORT_SCENE_OT_splats)
+    bpy.types.TOPBAR_MT_file_export.append(_draw_menu_entry)
+
+
+def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_export.remove(_draw_menu_entry)
+    bpy.utils.unregister_class(EXPORT_SCENE_OT_splats)

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The bits of a splat's state as plain numbers, for hosts that have not started Warp; `state` says what they mean."""
+
+from __future__ import annotations
+
+SELECTED = 1
+HIDDEN = 2
+DELETED = 4
+LOCKED = 8  # shown, but neither selectable nor changeable
+# Bits 4 to 31 are free; whoever takes one adds it here.
+
+NOT_SELECTABLE = HIDDEN | DELETED | LOCKED

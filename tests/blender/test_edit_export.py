@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""File > Export > Gaussian Splats: all, selected and edited captures, read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Euler, Matrix
+
+from stipple.engine.edit.state import SELECTED
+from stipple.engine.edit.transform import transform_cloud
+from stipple.engine.formats import read_splats
+
+from .captures import add_camera, add_capture, random_cloud, render, use_stipple
+from .editing import activate, assert_close, cloud_of, edited, flags, part, refused
+
+pytestmark = pytest.mark.blender
+PLACED = Matrix.LocRotScale((1, 2, -3), Euler((0.3, -0.5, 1.1)), (1.5, 1.5, 1.5))
+
+
+def test_export_writes_what_is_seen(tmp_path: Path) -> None:
+    b_object = edited()
+    b_object.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    before = cloud_of(b_object)
+    bpy.ops.stipple.select_sphere(center=(1, 2, -3), radius=1.2)
+    chosen = flags(b_object, SELECTED)
+    assert 10 < chosen.sum() < 190
+    path = tmp_path / "selected.ply"
+    bpy.ops.export_scene.splats(filepath=str(path), content="SPLATS", apply_transform=False)
+    assert_close(read_splats(path).cloud, part(before, chosen))
+    bpy.ops.stipple.delete()
+    path = tmp_path / "rest.ply"
+    bpy.ops.export_scene.splats(filepath=str(path))
+    rest = part(before, ~chosen)
+    assert_close(read_splats(path).cloud, transform_cloud(rest, np.array(PLACED)[:3]), 1e-5)
+
+
+def test_export_of_several_objects(tmp_path: Path) -> None:
+    b_one, b_two = add_capture(random_cloud(degree=0), "One"), add_capture(random_cloud(degree=2, seed=2), "Two")
+    activate(b_one)
+    bpy.ops.export_scene.splats(filepath=str(tmp_path / "all.ply"), content="VISIBLE")
+    merged = read_splats(tmp_path / "all.ply").cloud
+    assert merged.splat_count == 400 and merged.sh_degree == 2
+    b_two.select_set(True)
+    bpy.ops.export_scene.splats(filepath=str(tmp_path / "each.ply"), per_object=True)
+    assert_close(read_splats(tmp_path / "each_Two.ply").cloud, cloud_of(b_two))
+    assert_close(read_splats(tmp_path / "each_One.ply").cloud, cloud_of(b_one))
+
+
+def test_export_says_what_is_wrong_and_writes_nothing(tmp_path: Path) -> None:
+    edited()
+    with refused("no capture with such splats"):
+        bpy.ops.export_scene.splats(filepath=str(tmp_path / "none.ply"), content="SPLATS")
+    with refused("missing", "folder"):
+        bpy.ops.export_scene.splats(filepath=str(tmp_path / "missing" / "none.ply"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_exported_capture_looks_the_same(tmp_path: Path) -> None:
+    """The object's transform is in the file, its view-dependent colour turned."""
+    use_stipple(48, 36)
+    add_camera()
+    b_object = add_capture(random_cloud(degree=3))
+    b_object.matrix_world = Matrix.LocRotScale((0.1, 0.2, 0), Euler((0.4, 0.2, 2.0)), (0.9, 0.9, 0.9))
+    activate(b_object)
+    before = render(tmp_path / "object.exr")
+    bpy.ops.export_scene.splats(filepath=str(tmp_path / "out.ply"))
+    bpy.data.objects.remove(b_object)
+    bpy.ops.import_scene.splats(filepath=str(tmp_path / "out.ply"), up_axis="Z")
+    assert np.abs(render(tmp_path / "file.exr") - before).max() < 2e-3

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edit Splats: transforms, copies, objects of their own, clean-up and export."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Euler, Matrix
+
+from stipple.addon import splat_data
+from stipple.addon.edit.drag import number_of
+from stipple.engine.edit.state import DELETED, SELECTED
+from stipple.engine.edit.transform import transform_cloud
+
+from .captures import add_camera, add_capture, assert_same_cloud, random_cloud, render, use_stipple, write_ply
+from .editing import activate, assert_close, cloud_of, edited, every_byte, flags, part, positions, refused
+
+pytestmark = pytest.mark.blender
+PLACED = Matrix.LocRotScale((1, 2, -3), Euler((0.3, -0.5, 1.1)), (1.5, 1.5, 1.5))
+
+
+@pytest.mark.parametrize(("call", "expected"), [
+    (lambda: bpy.ops.stipple.translate(value=(1, -2, 0.5)), Matrix.Translation((1, -2, 0.5))),
+    (lambda: bpy.ops.stipple.rotate(value=0.7, axis=(0, 0, 2), pivot="ORIGIN"), Matrix.Rotation(0.7, 4, "Z")),
+    (lambda: bpy.ops.stipple.resize(value=(2, 2, 2), pivot="ORIGIN"), Matrix.Scale(2, 4)),
+    (lambda: bpy.ops.stipple.mirror(axis="Y", pivot="ORIGIN"), Matrix.Scale(-1, 4, (0, 1, 0))),
+])  # fmt: skip
+def test_the_selection_is_transformed_in_the_world(call: Any, expected: Matrix) -> None:
+    b_object = edited()
+    b_object.location = (0.0, 0.0, 0.0)
+    before = cloud_of(b_object)
+    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1.0)
+    chosen = flags(b_object, SELECTED)
+    call()
+    after = cloud_of(b_object)
+    assert_same_cloud(part(after, ~chosen), part(before, ~chosen))
+    assert_close(part(after, chosen), transform_cloud(part(before, chosen), np.array(expected)[:3]))
+
+
+def test_a_turned_object_moves_along_the_worlds_axes() -> None:
+    b_object = edited()
+    b_object.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    before = positions(b_object)
+    bpy.ops.stipple.select_all(action="SELECT")
+    bpy.ops.stipple.translate(value=(0, 0, 2))
+    way = (positions(b_object) - before) @ np.array(PLACED)[:3, :3].T
+    assert np.allclose(way, (0, 0, 2), atol=1e-5)
+
+
+def test_a_flattening_scale_is_refused() -> None:
+    b_object = edited()
+    bpy.ops.stipple.select_all(action="SELECT")
+    before = every_byte(b_object.data)
+    with refused("flattens"):
+        bpy.ops.stipple.resize(value=(1, 0, 1))
+    assert every_byte(b_object.data) == before
+
+
+def test_copies_are_selected_and_take_other_attributes_along() -> None:
+    b_object = edited()
+    b_object.data.attributes.new("age", "INT", "POINT").data.foreach_set("value", np.arange(200, dtype=np.int32))
+    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1.0)
+    chosen, before = flags(b_object, SELECTED), cloud_of(b_object)
+    bpy.ops.ed.undo_push(message="Select")
+    seen = every_byte(b_object.data)
+    bpy.ops.stipple.duplicate()
+    bpy.ops.stipple.translate(value=(5, 0, 0))
+    after, count = cloud_of(b_object), int(chosen.sum())
+    assert after.splat_count == 200 + count
+    assert_same_cloud(part(after, np.arange(200)), before)
+    moved = part(before, chosen).position + np.float32([5, 0, 0])
+    assert np.allclose(after.position[200:], moved, atol=1e-6)
+    assert np.array_equal(np.flatnonzero(flags(b_object, SELECTED)), 200 + np.arange(count))
+    age = np.frombuffer(every_byte(b_object.data)["age"][1], np.int32)
+    assert np.array_equal(age[200:], np.flatnonzero(chosen))
+    bpy.ops.ed.undo_push(message="Duplicate")
+    bpy.ops.ed.undo()
+    assert every_byte(bpy.data.objects["Capture"].data) == seen
+
+
+def test_separate_and_join_bring_everything_back() -> None:
+    b_object = edited()
+    b_object.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    before = cloud_of(b_object)
+    bpy.ops.stipple.select_opacity(low=0.5, high=1.0)
+    chosen = flags(b_object, SELECTED)
+    bpy.ops.stipple.separate()
+    (b_new,) = set(bpy.context.scene.objects) - {b_object}
+    assert b_new.matrix_world == b_object.matrix_world and not b_new.stipple_editing
+    assert_same_cloud(cloud_of(b_new), part(before, chosen))
+    assert np.array_equal(flags(b_object, DELETED), chosen)
+    assert bpy.ops.stipple.edit_mode_toggle() == {"FINISHED"}
+    assert_same_cloud(cloud_of(b_object), part(before, ~chosen))
+    b_new.select_set(True)
+    b_object.select_set(True)
+    bpy.ops.stipple.join()
+    order = np.concatenate([np.flatnonzero(~chosen), np.flatnonzero(chosen)])
+    assert_same_cloud(cloud_of(b_object), part(before, order))
+    assert [b_one.name for b_one in bpy.context.scene.objects] == ["Capture"]
+
+
+def test_join_fits_degrees_and_places(tmp_path: Path) -> None:
+    """The picture is the same before and after, to the rounding of float32."""
+    use_stipple(48, 36)
+    add_camera()
+    b_low, b_high = add_capture(random_cloud(degree=1), "Low"), add_capture(random_cloud(degree=3, seed=2), "High")
+    b_high.matrix_world = Matrix.LocRotScale((0.3, 0.2, 0.1), Euler((0.4, 0.2, 0.9)), (0.8, 0.8, 0.8))
+    b_low.matrix_world = Matrix.LocRotScale((0, 0, 0.2), Euler((0.1, 0.7, 0)), (1.2, 1.2, 1.2))
+    before = render(tmp_path / "two.exr")
+    activate(b_high)
+    b_low.select_set(True)
+    assert bpy.ops.stipple.join() == {"FINISHED"}
+    assert cloud_of(b_high).sh_degree == 3 and cloud_of(b_high).splat_count == 400
+    assert np.abs(render(tmp_path / "one.exr") - before).max() < 2e-3
+
+
+def test_what_is_no_capture_is_not_joined() -> None:
+    b_object = add_capture(random_cloud())
+    b_cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
+    bpy.context.scene.collection.objects.link(b_cube)
+    activate(b_object)
+    b_cube.select_set(True)
+    before = every_byte(b_object.data)
+    with refused("Cube", "no capture"):
+        bpy.ops.stipple.join()
+    assert every_byte(b_object.data) == before and "Cube" in bpy.data.objects
+
+
+def test_three_points_align_an_object() -> None:
+    b_object = add_capture(random_cloud())
+    activate(b_object)
+    source = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
+    target = source @ np.array(PLACED)[:3, :3].T + np.array(PLACED)[:3, 3]
+    points = {f"source_{i + 1}": tuple(p) for i, p in enumerate(source)}
+    points |= {f"target_{i + 1}": tuple(p) for i, p in enumerate(target)}
+    assert bpy.ops.stipple.align_points(**points) == {"FINISHED"}
+    assert np.allclose(b_object.matrix_world, PLACED, atol=1e-5)
+    with refused("line"):
+        bpy.ops.stipple.align_points(**(points | {"source_3": (2, 0, 0)}))
+
+
+def test_clean_up_counts_selects_and_deletes() -> None:
+    b_object = edited()
+    before = cloud_of(b_object)
+    bpy.ops.stipple.clean_faint(opacity=0.5)
+    assert np.array_equal(flags(b_object, SELECTED), before.opacity <= np.float32(0.5))
+    bpy.ops.stipple.clean_oversized(size=0.06, action="DELETE")
+    assert np.array_equal(flags(b_object, DELETED), before.scale.max(axis=1) >= np.float32(0.06))
+    b_box = bpy.data.objects.new("Box", None)
+    b_box.scale = (0.5, 0.5, 0.5)
+    bpy.context.scene.collection.objects.link(b_box)
+    bpy.context.view_layer.update()
+    bpy.ops.stipple.restore()
+    bpy.ops.stipple.clean_outside(object="Box")
+    assert np.array_equal(flags(b_object, SELECTED), np.abs(before.position).max(axis=1) > 0.5)
+    lonely = positions(b_object)
+    lonely[7] = (50, 0, 0)
+    b_object.data.attributes["position"].data.foreach_set("vector", lonely.reshape(-1))
+    bpy.ops.stipple.clean_floaters(factor=8.0)
+    assert np.array_equal(np.flatnonzero(flags(b_object, SELECTED)), [7])
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_a_capture_in_an_asset_library_is_appended_or_linked(tmp_path: Path, link: bool) -> None:
+    b_object = add_capture(random_cloud())
+    expected = every_byte(b_object.data)
+    b_object.asset_mark()
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {b_object})
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=link, assets_only=True) as (found, into):
+        assert found.objects == ["Capture"]
+        into.objects = found.objects
+    b_object = into.objects[0]
+    bpy.context.scene.collection.objects.link(b_object)
+    activate(b_object)
+    assert every_byte(b_object.data) == expected
+    if link:
+        with refused("make it local"):
+            bpy.ops.stipple.edit_mode_toggle()
+    else:
+        bpy.ops.stipple.edit_mode_toggle()
+        bpy.ops.stipple.select_all(action="SELECT")
+        assert flags(b_object, SELECTED).all()
+
+
+def test_typed_numbers() -> None:
+    assert [number_of(typed) for typed in ("", "-", "-1.5", ".5", "1..2")] == [None, None, -1.5, 0.5, None]
+    assert math.isclose(number_of("90"), 90)
+
+
+@pytest.mark.parametrize(
+    ("call", "attribute"),
+    [
+        ("translate", "position"),
+        *((c, a) for c in ("duplicate", "join") for a in ("scale", "radiance:base", "radiance:sh_3")),
+    ],
+)
+def test_out_of_memory_in_the_middle_of_writing(call: str, attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever was written is taken back, the number of points too, and the next edit works."""
+    b_object = edited()
+    b_other = add_capture(random_cloud(seed=5, degree=2), "Other")
+    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1.0)
+    before, real, failed = every_byte(b_object.data), splat_data.write_attribute, []
+
+    def fail_once(b_data: Any, name: str, data_type: str, values: np.ndarray) -> None:
+        if name == attribute and not failed:
+            failed.append(name)
+            raise MemoryError
+        real(b_data, name, data_type, values)
+
+    monkeypatch.setattr(splat_data, "write_attribute", fail_once)
+    b_other.select_set(True)
+    options = {"translate": {"value": (1, 0, 0)}}.get(call, {})
+    with refused("memory"):
+        getattr(bpy.ops.stipple, call)(**options)
+    assert failed and every_byte(b_object.data) == before and "Other" in bpy.data.objects
+    assert getattr(bpy.ops.stipple, call)(**options) == {"FINISHED"}
+    assert every_byte(b_object.data) != before
+
+
+def test_captures_that_are_not_in_the_file_are_refused(tmp_path: Path) -> None:
+    path = write_ply(tmp_path / "capture.ply", random_cloud())
+    bpy.ops.import_scene.splats(filepath=str(path), link=True)
+    with refused("import the file"):
+        bpy.ops.stipple.edit_mode_toggle()
