@@ -117,7 +117,7 @@ def answers(window: Window, name: str, busy: Any) -> Steps:
         raise RuntimeError(f"{name}: {len(sent)} keys were pressed and {len(seen.answers)} came")
     frame = window.session._frame
     window.results[name] = {
-        "samples_per_second": frame[1].film.samples / took if frame else 0.0,
+        "samples_per_second": (frame[1].film.samples if frame else window.session.picture.samples) / took,
         "answer": [at - before for before, at in zip(sent, seen.answers, strict=True)],
         "callback": seen.callbacks,
         "redraws_per_second": len(seen.callbacks) / took,
