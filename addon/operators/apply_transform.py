@@ -66,7 +66,6 @@ def _bake(b_object: Any, with_location: bool) -> tuple[Matrix, Any]:
     cloud, dropped = cloud_from_datablock(b_object.data, b_object.name)
     if cloud is None or dropped:
         raise StippleError(f"{b_object.name}: {dropped} splats have invalid values; delete them first.")
-    from ...engine.edit.transform import transform_cloud  # brings Warp along
 
     return applied, transform_cloud(cloud, np.array(applied)[:3])
 
