@@ -165,9 +165,10 @@ class CaptureOverlay:
 
     def _points_of(self, b_instance: Any, b_object: Any) -> DrawnPoints | None:
         b_data = b_object.data
-        b_sources = (b_data, b_object, b_instance.parent) if b_instance.is_instance else (b_data, b_object)
-        uids = frozenset(b_id.original.session_uid for b_id in b_sources)
-        key = (b_data.as_pointer(), b_data.original.session_uid, splat_count_of(b_data))
+        b_original = b_object.original  # whose data it is: before Blender 5, evaluated data forgets its original
+        b_shown = b_instance.parent.original if b_instance.is_instance else b_original
+        uids = frozenset(b_id.session_uid for b_id in (b_original.data, b_original, b_shown))
+        key = (b_data.as_pointer(), b_original.data.session_uid, splat_count_of(b_data))
         drawn = self._points.get(key)
         if drawn is not None or uids & self._broken:
             return drawn

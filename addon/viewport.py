@@ -237,14 +237,17 @@ class ViewportSession:
         return Frame(renderer, aim.scene, aim.view.camera(divider), settings, self._saying(progress))
 
     def _saying(self, progress: Progress) -> Progress:
-        """`progress`, and words to the user when it takes long: a large capture is read."""
+        """`progress`, and words to the user when it takes long to begin: a large capture is read.
+
+        Later the figures of the picture say more, and each word would be a redraw that keys wait for.
+        """
         begun = said = time.monotonic()
 
         def saying(fraction: float, text: str) -> None:
             nonlocal said
             progress(fraction, text)
             now = time.monotonic()
-            if now > begun + LONG and now > said + SAY_INTERVAL:
+            if self._frame is None and now > begun + LONG and now > said + SAY_INTERVAL:
                 said = now
                 self.say(f"{text[:1].upper()}{text[1:]} {fraction:.0%}")
 

@@ -41,7 +41,7 @@ def main() -> int:
             print(f"bench_viewport: {error}", file=sys.stderr)
             return 1
         every.append(results)
-        print(f"\nRun {index + 1} of {options.runs}", *table(results), sep="\n")
+        print(f"\nRun {index + 1} of {options.runs}", *table(dict(results)), sep="\n")
     if options.json:
         options.json.write_text(json.dumps(every, indent=1))
     return 0
@@ -55,8 +55,8 @@ def table(results: dict[str, Any]) -> list[str]:
         f"3D view of {width}×{height} px; one redraw of the window at rest takes {results.pop('redraw') * 1e3:.0f} ms",
         f"at the sample limit: {idle['cores'] * 100:.1f} % of a core, {idle['redraws']} redraws",
         "",
-        "| while | what | median [ms] | 95 % [ms] | worst [ms] | bar [ms] | redraws/s | samples/s | cores |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|",
+        "| while | what | median [ms] | 95 % [ms] | worst [ms] | bar [ms] | within | redraws/s | samples/s | cores |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for phase, measured in results.items():
         for name, bar in BARS.items():
@@ -64,7 +64,8 @@ def table(results: dict[str, Any]) -> list[str]:
                 times = sorted(1e3 * seconds for seconds in measured[name])
                 cells = [phase, {"answer": "key answered", "shown": "moved view shown"}[name]]
                 cells += [f"{value:.0f}" for value in (statistics.median(times), quantile(times, 0.95), times[-1])]
-                cells += [f"{bar * 1e3:.0f}", *others(measured)]
+                within = sum(seconds <= bar for seconds in measured[name]) / len(times)
+                cells += [f"{bar * 1e3:.0f}", f"{within:.0%}", *others(measured)]
                 lines.append(f"| {' | '.join(cells)} |")
     return lines
 

@@ -117,7 +117,7 @@ def answers(window: Window, name: str, busy: Any) -> Steps:
         raise RuntimeError(f"{name}: {len(sent)} keys were pressed and {len(seen.answers)} came")
     frame = window.session._frame
     window.results[name] = {
-        "samples_per_second": frame[1].film.samples / took if frame else 0.0,
+        "samples_per_second": (frame[1].film.samples if frame else window.session.picture.samples) / took,
         "answer": [at - before for before, at in zip(sent, seen.answers, strict=True)],
         "callback": seen.callbacks,
         "redraws_per_second": len(seen.callbacks) / took,
@@ -172,6 +172,11 @@ def measure(window: Window) -> Steps:
             last[0] = time.monotonic()
             window.b_area.tag_redraw()
 
+    def keep_on() -> None:  # sorted may come to its last sample
+        if window.session.due() is None:
+            turn(window.b_region_3d)
+            window.b_area.tag_redraw()
+
     yield from answers(window, "redrawn, nothing to render", redraw)
     for method in ("POINTS", "SORTED"):
         b_scene.stipple.method = method
@@ -179,7 +184,7 @@ def measure(window: Window) -> Steps:
         # As many samples as take longer than this; sorted has one for each subpixel.
         b_scene.stipple.viewport_samples, b_scene.stipple.supersampling = 1 << 16, 1 if method == "POINTS" else 16
         window.b_area.tag_redraw()  # which scripts have to ask for
-        yield from answers(window, f"{method.lower()} accumulating", lambda: None)
+        yield from answers(window, f"{method.lower()} accumulating", keep_on)
         yield from moves(window, f"{method.lower()} accumulating, then moved", rest=False)
         b_scene.stipple.viewport_samples, b_scene.stipple.supersampling = 16, 1
 

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 
-from stipple.addon import residency, sync
+from stipple.addon import residency, sync, viewport
 from stipple.addon.residency import CloudCache, EvaluatedClouds
 from stipple.addon.view_camera import ViewportView
 from stipple.addon.viewport import Aim, ViewportSession
@@ -145,6 +145,21 @@ def test_a_problem_is_shown_and_the_next_view_works(renderer: Renderer) -> None:
     session.aim_at(aim(shift=0.2))
     run(session, renderer)
     assert session.status().startswith("Sample 1/1")
+
+
+def test_samples_that_add_up_are_shown_and_not_talked_about(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(viewport, "LONG", -1.0)
+    monkeypatch.setattr(viewport, "SAY_INTERVAL", -1.0)
+    said: list[str] = []
+    session = ViewportSession(lambda: said.append(session.status()))
+    session.aim_at(aim(method="points", samples=20))
+    run(session, renderer)
+    first = next(index for index, text in enumerate(said) if text.startswith("Sample 1/20"))
+    assert any(text.startswith("Loading") for text in said[:first])  # words for what has no picture yet
+    assert all(text.startswith("Sample") for text in said[first:])
+    assert len(said) - first <= 3  # and few redraws, which keys wait for
 
 
 def test_several_viewports_take_turns_and_leave_no_thread() -> None:
