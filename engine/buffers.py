@@ -82,7 +82,7 @@ class Buffers:
         For what will certainly be allocated: a CPU's memory is only taken when it is first written, so one buffer's
         own check does not see the one before.
         """
-        held = {name: array.capacity for name, array in self._arrays.items()}
+        held = self.bytes_by_name()
         needed = sum(size for name, size in needs.items() if size > held.get(name, 0))
         free = self.free_bytes
         if needed > free:
@@ -90,7 +90,11 @@ class Buffers:
 
     @property
     def held_bytes(self) -> int:
-        return sum(array.capacity for array in self._arrays.values())
+        return sum(self.bytes_by_name().values())
+
+    def bytes_by_name(self) -> dict[str, int]:
+        """What each buffer holds [bytes]."""
+        return {name: array.capacity for name, array in self._arrays.items()}
 
     @property
     def free_bytes(self) -> int:

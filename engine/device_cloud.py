@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from .groups import SplatGroups
-from .maths.packing import unpack_colour, unpack_position, unpack_rotation, unpack_scale
+from .maths.packing import unpack_colour, unpack_largest_scale, unpack_position, unpack_rotation, unpack_scale
 from .maths.sh import SH_C0, rest_count_of_degree, sh_basis
 from .splats import SH_REST_COUNT, SplatCloud, rest_words_of_degree
 
@@ -69,6 +69,25 @@ def read_splat(cloud: DeviceCloud, i: wp.int32) -> Splat:
         splat.position = cloud.position[i]
         splat.scale = cloud.scale[i]
         splat.opacity = cloud.opacity[i]
+    return splat
+
+
+@wp.func
+def read_ball(cloud: DeviceCloud, i: wp.int32) -> Splat:
+    """As `read_splat`, with the largest scale along all axes: enough to tell that a splat is not seen, and cheaper."""
+    splat = Splat()
+    largest = float(0.0)
+    if cloud.is_quantised != 0:
+        group = i >> cloud.groups.shift
+        packed = cloud.packed_geometry[i]
+        splat.position = unpack_position(packed, cloud.groups.packed_low[group], cloud.groups.packed_span[group])
+        largest = unpack_largest_scale(packed, cloud.groups.packed_log_scale[group])
+        splat.opacity = float(cloud.packed_opacity[i]) * 0.003921569
+    else:
+        splat.position = cloud.position[i]
+        largest = wp.max(cloud.scale[i])
+        splat.opacity = cloud.opacity[i]
+    splat.scale = wp.vec3(largest, largest, largest)
     return splat
 
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import warp as wp
 
 from .device import launch
-from .groups import shift_for
 from .maths.morton import MORTON_BITS, SHELL_COUNT, morton_code
 
 wp.set_module_options({"enable_backward": False})
@@ -90,8 +89,8 @@ def find_places_kernel(
     place_from_source[source_from_rank[rank]] = rank + shift_of_shell[shell]
 
 
-def lay_out(measures: Measures, splat_count: int, device: wp.Device) -> Layout:
-    """Sorts by shell and Morton code; equal codes keep the order of the file."""
+def lay_out(measures: Measures, splat_count: int, device: wp.Device, shift: int) -> Layout:
+    """Sorts by shell and Morton code into groups of 2**shift; equal codes keep the order of the file."""
     centre, spread = robust_frame(measures.position[:: max(1, splat_count // SAMPLED)].numpy())
     codes = wp.empty(2 * splat_count, dtype=wp.int64, device=device)  # the radix sort needs twice the room
     source_from_rank = wp.empty(2 * splat_count, dtype=wp.int32, device=device)
@@ -100,7 +99,6 @@ def lay_out(measures: Measures, splat_count: int, device: wp.Device) -> Layout:
     shell_end = wp.zeros(SHELL_COUNT, dtype=wp.int32, device=device)
     launch(find_shell_ends_kernel, splat_count, [codes, splat_count, shell_end], device)
     ends = np.maximum.accumulate(shell_end.numpy())
-    shift = shift_for(splat_count)
     counts = np.diff(ends, prepend=0)
     places = -(-counts >> shift) << shift  # rounded up to whole groups
     starts = np.cumsum(places) - places

@@ -20,7 +20,7 @@ from .device import launch
 from .device_cloud import DeviceCloud, empty_cloud, to_device
 from .errors import StippleError
 from .group_bounds import bound_groups
-from .groups import SplatGroups
+from .groups import SplatGroups, shift_for
 from .maths.packing import SMALLEST_SCALE, pack_coefficient, pack_colour, pack_geometry
 from .maths.sh import SH_C0
 from .morton_order import Layout, Measures, lay_out
@@ -134,14 +134,23 @@ def quantising_bytes_per_splat(sh_degree: int) -> int:
     return max(MEASURING_BYTES, 4 + packed_bytes_per_splat(sh_degree))
 
 
-def quantise(open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: str, device: wp.Device) -> DeviceCloud:
+def quantise(
+    open_chunks: OpenChunks,
+    splat_count: int,
+    sh_degree: int,
+    name: str,
+    device: wp.Device,
+    *,
+    group_shift: int | None = None,
+) -> DeviceCloud:
     """A capture's splats, quantised and in Morton order, with the bounds of their groups.
 
     `open_chunks` is called twice and must give the same splats of `sh_degree` both times, at most `splat_count`. The
-    result does not depend on how they are cut into chunks. Raises StippleError where the two readings do not agree.
+    result does not depend on how they are cut into chunks. `group_shift` is log₂ of the splats per group where the
+    cloud is to be part of a larger one. Raises StippleError where the two readings do not agree.
     """
     measures, splat_count = _measure(open_chunks, splat_count, sh_degree, name, device)
-    layout = lay_out(measures, splat_count, device)
+    layout = lay_out(measures, splat_count, device, shift_for(splat_count) if group_shift is None else group_shift)
     cloud = empty_cloud(layout.place_count, sh_degree)
     cloud.is_quantised = 1
     cloud.groups = _ranges(measures, layout, device)

@@ -15,7 +15,7 @@ import warp as wp
 from .buffers import Buffers
 from .culling import Blocks, cull_groups
 from .device import launch
-from .device_cloud import DeviceCloud, read_colour, read_rotation, read_splat
+from .device_cloud import DeviceCloud, read_ball, read_colour, read_rotation, read_splat
 from .device_look import dressed, graded
 from .maths.projection import Pose, View, depth_key, footprint, project_splat
 from .occlusion import FATE_HIDDEN, Occlusion, is_left_out
@@ -77,7 +77,7 @@ def mark_visible_kernel(
     if local >= (1 << cloud.groups.shift) or i >= cloud.splat_count:
         return
     pose = placed.pose[block[0]]
-    splat = dressed(read_splat(cloud, i), pose.look)
+    splat = dressed(read_ball(cloud, i), pose.look)
     p = pose.linear * splat.position + pose.translation
     f = footprint(view, pose, p, splat.scale, splat.opacity)
     if not f.seen:
@@ -93,17 +93,18 @@ def stage_splats_kernel(
     placed: Placed,
     view: View,
     slab: Slab,
-    visible: wp.array(dtype=wp.int32),
-    staged_from_thread: wp.array(dtype=wp.int32),  # exclusive prefix sum of visible
+    staged_end: wp.array(dtype=wp.int32),  # inclusive prefix sum of what is visible
     staged: Staged,
 ) -> None:
     thread = first + wp.tid()
-    if visible[thread] == 0:
+    j = int(0)
+    if thread > 0:
+        j = staged_end[thread - 1]
+    if staged_end[thread] == j:
         return
     block = slab.blocks[slab.begin + (thread >> slab.shift)]
     cloud, pose = placed.cloud[block[0]], placed.pose[block[0]]
     i = (block[1] << cloud.groups.shift) + (thread & ((1 << slab.shift) - 1))
-    j = staged_from_thread[thread]
     splat = dressed(read_splat(cloud, i), pose.look)
     p = pose.linear * splat.position + pose.translation
     e = project_splat(view, pose, p, splat.scale, read_rotation(cloud, i), splat.opacity)
@@ -132,12 +133,11 @@ def stage_blocks(
     slab.blocks, slab.begin, slab.shift = blocks.array, begin, placements.group_shift
     threads = max(end - begin, 0) << placements.group_shift
     visible = buffers.array("visible", wp.int32, threads)
-    staged_from_thread = buffers.array("staged_from_thread", wp.int32, threads)
     count = 0
     if threads:
         launch(mark_visible_kernel, threads, [placed, view, occlusion, slab, visible], device)
-        wp.utils.array_scan(visible, staged_from_thread, inclusive=False)
-        count = int(staged_from_thread[-1:].numpy()[0] + visible[-1:].numpy()[0])
+        wp.utils.array_scan(visible, visible, inclusive=True)
+        count = int(visible[-1:].numpy()[0])
     staged = Staged()
     staged.centre = buffers.array("staged_centre", wp.vec4, count)
     staged.covariance = buffers.array("staged_covariance", wp.vec4, count)
@@ -145,7 +145,7 @@ def stage_blocks(
         staged.colour = buffers.array("staged_colour", wp.vec3, count)
     staged.splat = buffers.array("staged_splat", wp.int32, count)
     staged.instance = buffers.array("staged_instance", wp.int32, count)
-    launch(stage_splats_kernel, threads, [placed, view, slab, visible, staged_from_thread, staged], device)
+    launch(stage_splats_kernel, threads, [placed, view, slab, visible, staged], device)
     return Staging(staged, count)
 
 

@@ -139,6 +139,14 @@ def unpack_scale(g: wp.vec4ui, log_scale: wp.vec2) -> wp.vec3:
 
 
 @wp.func
+def unpack_largest_scale(g: wp.vec4ui, log_scale: wp.vec2) -> wp.float32:
+    """The largest entry of `unpack_scale`, to the bit, for one exponential instead of three."""
+    s2 = bits(g[2], 24, 8) | (bits(g[3], 0, 2) << wp.uint32(8))
+    largest = wp.max(wp.max(bits(g[2], 4, 10), bits(g[2], 14, 10)), s2)
+    return wp.exp(log_scale[0] + log_scale[1] / LEVELS_10 * float(largest))
+
+
+@wp.func
 def unpack_rotation(g: wp.vec4ui) -> wp.vec4:
     """Unit quaternion w, x, y, z."""
     step = 2.0 * RODRIGUES_LIMIT / LEVELS_10

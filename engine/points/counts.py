@@ -17,6 +17,7 @@ from .rates import FILLED, support_box
 
 wp.set_module_options({"enable_backward": False})
 
+STRETCH = wp.constant(4096)  # counts that one thread adds up
 COUNT_KEY = wp.constant(wp.uint32(0xFFFFFFFF))  # the counter of a splat's count; points count from 0
 
 
@@ -59,6 +60,23 @@ def draw_counts_kernel(
     counts[i] = count
     batches[i] = wp.int64((count + batch - 1) / batch)
     runs[i] = wp.where(count > 0, 1, 0)
+
+
+@wp.kernel
+def add_stretches_kernel(first: wp.int32, counts: wp.array(dtype=wp.int32), totals: wp.array(dtype=wp.int64)) -> None:
+    stretch = first + wp.tid()
+    total = wp.int64(0)
+    for i in range(stretch * STRETCH, wp.min((stretch + 1) * STRETCH, counts.shape[0])):
+        total += wp.int64(counts[i])
+    totals[stretch] = total
+
+
+def total_of(counts: wp.array, buffers: Buffers) -> int:
+    """The sum of all counts, read back."""
+    stretches = -(-counts.size // STRETCH)
+    totals = buffers.array("count_totals", wp.int64, stretches)
+    launch(add_stretches_kernel, stretches, [counts, totals], buffers.device, smallest_chunk=16)
+    return int(totals.numpy().sum())
 
 
 def draw_counts(

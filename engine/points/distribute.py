@@ -26,7 +26,7 @@ class Work:
     """Which splat each batch of the current pass belongs to."""
 
     counts: wp.array(dtype=wp.int32)  # points per staged splat
-    first_batch: wp.array(dtype=wp.int64)  # per staged splat, exclusive prefix sum of batches
+    end_batch: wp.array(dtype=wp.int64)  # per staged splat, inclusive prefix sum of batches
     staged_from_run: wp.array(dtype=wp.int32)
     run_from_batch: wp.array(dtype=wp.int32)  # of this pass, counted from 1 at run `first_run`
     first_run: wp.array(dtype=wp.int32)  # one element: the run that batch `begin` belongs to
@@ -42,25 +42,35 @@ class Distribution:
     run_count: int
 
 
+@wp.func
+def first_batch(work: Work, staged: wp.int32) -> wp.int64:
+    """The number of a staged splat's first batch: where the batches of those before it end."""
+    if staged == 0:
+        return wp.int64(0)
+    return work.end_batch[staged - 1]
+
+
 @wp.kernel
 def compact_runs_kernel(
     first: wp.int32,
-    runs: wp.array(dtype=wp.int32),
-    run_from_staged: wp.array(dtype=wp.int32),
+    end_run: wp.array(dtype=wp.int32),  # inclusive prefix sum of runs
     staged_from_run: wp.array(dtype=wp.int32),
 ) -> None:
     i = first + wp.tid()
-    if runs[i] != 0:
-        staged_from_run[run_from_staged[i]] = i
+    run = int(0)
+    if i > 0:
+        run = end_run[i - 1]
+    if end_run[i] != run:
+        staged_from_run[run] = i
 
 
 @wp.kernel
 def mark_runs_kernel(first: wp.int32, work: Work, end: wp.int64, total: wp.int64, run_count: wp.int32) -> None:
     run = first + wp.tid()
-    start = work.first_batch[work.staged_from_run[run]]
+    start = first_batch(work, work.staged_from_run[run])
     stop = total
     if run + 1 < run_count:
-        stop = work.first_batch[work.staged_from_run[run + 1]]
+        stop = first_batch(work, work.staged_from_run[run + 1])
     if stop <= work.begin or start >= end:
         return
     if start <= work.begin:
@@ -69,18 +79,14 @@ def mark_runs_kernel(first: wp.int32, work: Work, end: wp.int64, total: wp.int64
 
 
 def distribute(counts: wp.array, batches: wp.array, runs: wp.array, buffers: Buffers) -> Distribution:
-    """Prefix sums and compaction. Reads back two totals (the launch sizes)."""
-    count = counts.size
-    first_batch = buffers.array("first_batch", wp.int64, count)
-    run_from_staged = buffers.array("run_from_staged", wp.int32, count)
-    wp.utils.array_scan(batches, first_batch, inclusive=False)
-    wp.utils.array_scan(runs, run_from_staged, inclusive=False)
-    batch_count = int(first_batch[-1:].numpy()[0] + batches[-1:].numpy()[0])
-    run_count = int(run_from_staged[-1:].numpy()[0] + runs[-1:].numpy()[0])
+    """Prefix sums, in place of `batches` and `runs`, and compaction. Reads back two totals (the launch sizes)."""
+    wp.utils.array_scan(batches, batches, inclusive=True)
+    wp.utils.array_scan(runs, runs, inclusive=True)
+    batch_count, run_count = int(batches[-1:].numpy()[0]), int(runs[-1:].numpy()[0])
     work = Work()
-    work.counts, work.first_batch = counts, first_batch
+    work.counts, work.end_batch = counts, batches
     work.staged_from_run = buffers.array("staged_from_run", wp.int32, run_count)
-    launch(compact_runs_kernel, count, [runs, run_from_staged, work.staged_from_run], buffers.device)
+    launch(compact_runs_kernel, counts.size, [runs, work.staged_from_run], buffers.device)
     return Distribution(work, batch_count, run_count)
 
 

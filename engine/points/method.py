@@ -13,14 +13,13 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from ..buffers import Buffers
 from ..culling import Blocks, cull_groups
 from ..film import Film
 from ..maths.random import stream_key
 from ..occlusion import SECOND_PHASE, Occlusion, front_to_back, hide_blocks, select_blocks
 from ..shot import Shot
 from ..staging import Staging, stage_blocks
-from .counts import draw_counts
+from .counts import draw_counts, total_of
 from .distribute import distribute, distribute_pass
 from .rates import find_rates
 from .resolve import Subpixels, resolve_records, resolve_splats
@@ -28,7 +27,9 @@ from .seen import mark_seen
 from .splat import BATCH_CPU, splat_points
 
 BATCHES_PER_LAUNCH = 1 << 19  # some 8 M points: a quarter of a second on two cores, so a host can cancel in time
-KEPT_SPLATS = 1 << 23  # scenes of up to so many splats in the frustum keep their records, 96 bytes each
+# Scenes of up to so many splats in the frustum keep their records. Larger ones gain more by leaving out what is hidden
+# (city: 4×) than they lose by staging each sample anew (where nothing is hidden: a tenth).
+KEPT_SPLATS = 1 << 20
 SLABS = 20  # larger ones work on a twentieth at a time, which is under 5 bytes per splat of the scene
 SMALLEST_SLAB, LARGEST_SLAB = 1 << 20, 1 << 24  # splats
 
@@ -185,11 +186,4 @@ class PointsFrame:
                 splat_points(
                     staging.arrays, view, work, rates, stream, first_splat, s, self._batch, frame, buffers.device
                 )
-        self.points += _sum(drawn[0], buffers)
-
-
-def _sum(counts: wp.array, buffers: Buffers) -> int:
-    total = buffers.array("point_total", wp.int64, counts.size)
-    wp.utils.array_cast(counts, total)
-    wp.utils.array_scan(total, total, inclusive=True)
-    return int(total[-1:].numpy()[0])
+        self.points += total_of(drawn[0], buffers)

@@ -24,22 +24,35 @@ FILLED = wp.constant(-1.0)
 
 
 @wp.func
+def box_between(half: wp.vec2, centre: wp.vec4, low: wp.vec2, high: wp.vec2, subpixels: wp.int32) -> wp.vec4i:
+    """Subpixels x0, y0, width, height that centre ± `half` [px] touches between two corners."""
+    s = float(subpixels)
+    # Clamped as floats: a huge splat's corners do not fit an int.
+    x0 = int(wp.floor(s * wp.clamp(centre[0] - half[0], low[0], high[0])))
+    y0 = int(wp.floor(s * wp.clamp(centre[1] - half[1], low[1], high[1])))
+    x1 = int(wp.ceil(s * wp.clamp(centre[0] + half[0], low[0], high[0])))
+    y1 = int(wp.ceil(s * wp.clamp(centre[1] + half[1], low[1], high[1])))
+    return wp.vec4i(x0, y0, x1 - x0, y1 - y0)
+
+
+@wp.func
+def support_half(view: View, covariance: wp.vec4, centre: wp.vec4) -> wp.vec2:
+    """How far the support (opacity >= alpha_min) reaches from the mean along x and y [px]; negative if nowhere."""
+    reach2 = 2.0 * wp.log(centre[3] / view.alpha_min)
+    if not reach2 > 0.0:
+        return wp.vec2(-1.0, -1.0)
+    return wp.vec2(wp.sqrt(reach2 * covariance[0]), wp.sqrt(reach2 * covariance[2]))
+
+
+@wp.func
 def support_box(
     view: View, covariance: wp.vec4, centre: wp.vec4, low: wp.vec2, high: wp.vec2, subpixels: wp.int32
 ) -> wp.vec4i:
-    """Subpixels x0, y0, width, height that the splat's support (opacity >= alpha_min) touches between two corners."""
-    reach2 = 2.0 * wp.log(centre[3] / view.alpha_min)
-    if not reach2 > 0.0:
+    """Subpixels x0, y0, width, height that the splat's support touches between two corners."""
+    half = support_half(view, covariance, centre)
+    if half[0] < 0.0:
         return wp.vec4i(0, 0, 0, 0)
-    s = float(subpixels)
-    half_x = wp.sqrt(reach2 * covariance[0])
-    half_y = wp.sqrt(reach2 * covariance[2])
-    # Clamped as floats: a huge splat's corners do not fit an int.
-    x0 = int(wp.floor(s * wp.clamp(centre[0] - half_x, low[0], high[0])))
-    y0 = int(wp.floor(s * wp.clamp(centre[1] - half_y, low[1], high[1])))
-    x1 = int(wp.ceil(s * wp.clamp(centre[0] + half_x, low[0], high[0])))
-    y1 = int(wp.ceil(s * wp.clamp(centre[1] + half_y, low[1], high[1])))
-    return wp.vec4i(x0, y0, x1 - x0, y1 - y0)
+    return box_between(half, centre, low, high, subpixels)
 
 
 @wp.kernel
@@ -48,8 +61,12 @@ def find_rates_kernel(
 ) -> None:
     i = first + wp.tid()
     centre, covariance = staged.centre[i], staged.covariance[i]
-    in_window = support_box(view, covariance, centre, view.window_low, view.window_high, subpixels)
-    in_frame = support_box(view, covariance, centre, wp.vec2(0.0, 0.0), view.frame_px, subpixels)
+    half = support_half(view, covariance, centre)
+    if half[0] < 0.0:
+        rates[i] = 0.0
+        return
+    in_window = box_between(half, centre, view.window_low, view.window_high, subpixels)
+    in_frame = box_between(half, centre, wp.vec2(0.0, 0.0), view.frame_px, subpixels)
     # A is a subpixel's area, so 1/A is subpixels².
     per_pixel = float(subpixels * subpixels)
     opacity = wp.min(centre[3], 1.0)

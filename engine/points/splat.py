@@ -22,7 +22,7 @@ from ..maths.dilogarithm import LI2_INVERSE_NATIVE, li2
 from ..maths.projection import View, depth_key
 from ..maths.random import PCG3D_NATIVE
 from ..staging import Staged
-from .distribute import Work
+from .distribute import Work, first_batch
 from .rates import FILLED, support_box
 
 wp.set_module_options({"enable_backward": False})
@@ -165,7 +165,7 @@ def splat_points_kernel(
     batch = Batch()
     batch.splat = wp.uint32(staged.splat[i])
     batch.stream = stream[staged.instance[i]]
-    batch.first_point = int(work.begin + wp.int64(j) - work.first_batch[i]) * batch_size
+    batch.first_point = int(work.begin + wp.int64(j) - first_batch(work, i)) * batch_size
     batch.point_count = wp.min(batch_size, work.counts[i] - batch.first_point)
     batch.mean = s * wp.vec2(centre[0], centre[1])
     # Cholesky factor of the covariance; its last entry from the determinant, which has all its digits.
