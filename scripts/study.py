@@ -11,17 +11,18 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench import PRESETS, machine
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from stipple.engine.camera import Camera
 from stipple.engine.renderer import Frame, Renderer
-from stipple.engine.scene import Instance, Scene
+from stipple.engine.scene import Scene
 from stipple.engine.settings import Settings
+from stipple.scripts.bench_machine import machine
+from stipple.scripts.bench_presets import PRESETS
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = (1, 4, 16, 64, 256, 1024)
@@ -91,15 +92,16 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "convergence-table.md")
     options = parser.parse_args()
     renderer = Renderer(options.device)
-    parts = [", ".join(f"{key} {value}" for key, value in machine(renderer).items()) + f"; {SIZE[0]}×{SIZE[1]}.\n"]
+    parts = [
+        ", ".join(f"{key} {value}" for key, value in machine(renderer.device).items()) + f"; {SIZE[0]}×{SIZE[1]}.\n"
+    ]
     for name in options.preset or ("sample", "koala"):
-        loaded = PRESETS[name].load()
-        if loaded is None:
+        opened = PRESETS[name].open()
+        if opened is None:
             print(f"{name}: skipped, its files are not here")
             continue
-        cloud, camera = loaded
-        scene = Scene((Instance(cloud),), BACKGROUND)
-        rows = {k: study(renderer, scene, camera.resized(*SIZE), k) for k in (1, 4)}
+        scene, camera = replace(opened.scene, background=BACKGROUND), opened.path.camera(0.0, SIZE)
+        rows = {k: study(renderer, scene, camera, k) for k in (1, 4)}
         parts.append(table(name, rows))
         print(parts[-1])
     options.out.write_text("\n".join(parts))

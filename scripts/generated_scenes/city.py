@@ -16,9 +16,10 @@ import warp as wp
 
 from stipple.engine.cloud_upload import Progress
 from stipple.engine.device import launch
-from stipple.engine.device_cloud import DeviceCloud, empty_cloud, packed_bytes_per_splat
+from stipple.engine.device_cloud import DeviceCloud, empty_cloud
 from stipple.engine.group_bounds import bound_groups
 from stipple.engine.maths.packing import pack_colour, pack_geometry
+from stipple.engine.splats import packed_bytes_per_splat
 
 from .city_light import SKY_COLOUR, SUN, SUN_COLOUR, encoded, openness, sunlight
 from .city_materials import TREE, random_of

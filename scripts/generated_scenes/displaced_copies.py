@@ -16,10 +16,10 @@ import warp as wp
 
 from stipple.engine.cloud_upload import Progress
 from stipple.engine.device import launch
-from stipple.engine.device_cloud import DeviceCloud, empty_cloud, packed_bytes_per_splat
+from stipple.engine.device_cloud import DeviceCloud, empty_cloud
 from stipple.engine.groups import SplatGroups, shift_for
 from stipple.engine.quantise import quantise, quantising_bytes_per_splat
-from stipple.engine.splats import SplatCloud
+from stipple.engine.splats import SplatCloud, packed_bytes_per_splat
 
 wp.set_module_options({"enable_backward": False})
 
@@ -85,7 +85,7 @@ class DisplacedCopies:
         progress(0.0, f"building {self.name}")
         capture = self.capture
         one = quantise(
-            lambda: [capture],
+            lambda _arrays: [capture],
             capture.splat_count,
             self.sh_degree,
             capture.name,

@@ -11,11 +11,14 @@ import pytest
 import warp as wp
 
 import stipple.engine
+from stipple.scripts import generated_scenes
 
 
 def modules_with_kernels() -> list[str]:
-    """Names of the engine's modules that define kernels."""
+    """Names of modules that define kernels: the engine's, and those that a benchmark on a GPU runs."""
     names = [info.name for info in pkgutil.walk_packages(stipple.engine.__path__, "stipple.engine.")]
+    names += [info.name for info in pkgutil.walk_packages(generated_scenes.__path__, f"{generated_scenes.__name__}.")]
+    names += ["stipple.scripts.bench_machine"]
     sources = {name: Path(importlib.util.find_spec(name).origin).read_text() for name in names}  # type: ignore[union-attr, arg-type]
     return sorted(name for name, source in sources.items() if "@wp.kernel" in source)
 
