@@ -97,6 +97,8 @@ def read_ball(cloud: DeviceCloud, i: wp.int32) -> Splat:
         largest = wp.max(cloud.scale[i])
         splat.opacity = cloud.opacity[i]
     splat.scale = wp.vec3(largest, largest, largest)
+    if cloud.state.shape[0] > 0 and not shown(cloud.state[i]):
+        splat.opacity = 0.0
     return splat
 
 

@@ -49,6 +49,8 @@ class OBJECT_OT_stipple_apply_transform(bpy.types.Operator):
 
 def _bake(b_object: Any, with_location: bool) -> tuple[Matrix, Any]:
     """The matrix that is baked and the cloud it makes; changes nothing. Raises StippleError for unsuitable data."""
+    from ...engine.edit.transform import transform_cloud
+
     if not b_object.data.is_editable:
         raise StippleError(f"{b_object.name}: its data is linked from another file; make it local first.")
     if is_linked(b_object.data):
