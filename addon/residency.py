@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -256,10 +257,9 @@ def free() -> None:
     world.images.free()
     _failed.clear()
     linked.free()
-    if _prepared:  # else Warp was never imported
-        from ..engine.device import close_pools
-
-        close_pools()
+    device = sys.modules.get(f"{str(__package__).rpartition('.')[0]}.engine.device")
+    if device is not None:  # else Warp was never imported; not only renders launch, editing does, too
+        device.close_pools()
 
 
 def _keep_kernels_in_extension_folder() -> None:
