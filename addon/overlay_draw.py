@@ -30,9 +30,11 @@ void main()
     pyramid = vec4(seen.z + NEARER * radius * to_eye.z, slope * radius, to_eye.z * radius);
     tint = colour;
     gl_Position = clip_from_view * vec4(seen + NEARER * radius * to_eye, 1.0);
-    gl_PointSize = clamp(LARGER * radius * look.y / (clip_from_view * vec4(seen, 1.0)).w, 1.0, 128.0);
+    // Away from the middle of the picture, what lies across the line of sight is stretched by 1 / cos.
+    float size = LARGER * radius * look.y / ((clip_from_view * vec4(seen, 1.0)).w * max(to_eye.z, 0.1));
+    gl_PointSize = clamp(size, 1.0, 128.0);
 }
-""".replace("NEARER", "0.15").replace("LARGER", "2.1")
+""".replace("NEARER", "0.25").replace("LARGER", "2.1")
 POINTS_FRAGMENT = """
 void main()
 {

@@ -69,6 +69,8 @@ def test_solid_shading_shows_colours_to_place_a_capture_by(tmp_path: Path) -> No
     assert seen["in front"] > 0.95 * seen["colours"]
     assert 1.1 * seen["colours"] < seen["twice"]
     assert 0.8 * seen["colours"] < seen["mesh"] < 1.2 * seen["colours"]
+    near = region_of(tmp_path, "selected", results)  # at angles of up to 35°, too, no gray shows between the colours
+    assert (near.min(axis=2) > 150).mean() < 0.001 and red(near).mean() > 0.3
     assert results["clicked"] == [True, False] and results["clicked again"]
     assert np.allclose(results["framed"][:3], 0, atol=0.05) and 3 < results["framed"][3] < 15
 
