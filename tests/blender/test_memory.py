@@ -121,10 +121,13 @@ def test_memory_is_flat_after_the_third_of_a_hundred_frames(root: Path, tmp_path
     result = tmp_path / "frames.json"
     command = [sys.executable, str(root / "scripts" / "bench_frames.py"), "--frames", "100", "--size", "640x360"]
     command += ["--splats", "30000", "--device", "CPU", "--json", str(result), *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    # glibc keeps freed arrays in its heaps once it has raised its own threshold for giving them back, by 4 to 12 MiB in
+    # steps that depend on the threads' timing; with the threshold fixed, what is resident is what is held.
+    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": str(MIB // 4)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     memory = np.array([frame["resident_bytes"] for frame in json.loads(result.read_text())["frames"]])
     assert len(memory) == 100
     # A frame is 3.5 MiB of pixels, a file of a sequence 7 MiB: kept once in ten frames, either would show.
-    assert memory[3:].max() - memory[3] < 24 * MIB
+    assert memory[3:].max() - memory[3] < 16 * MIB
     assert np.median(memory[-20:]) - np.median(memory[3:23]) < 4 * MIB
