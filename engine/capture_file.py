@@ -50,12 +50,13 @@ class Findings:
     """What reading a capture's file has shown so far, and where its splats are by now.
 
     - `warnings`: sentences about splats that were left out, a damaged cache, a full disk.
-    - `device_clouds`: by device, as long as a renderer holds them.
+    - `device_clouds`: by device, as long as a renderer holds them; `orders`: likewise, see `capture_order`.
     """
 
     survey: Survey | None = None
     warnings: tuple[str, ...] = ()
     device_clouds: MutableMapping[str, DeviceCloud] = field(default_factory=weakref.WeakValueDictionary)
+    orders: MutableMapping[str, wp.array] = field(default_factory=weakref.WeakValueDictionary)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,10 +19,11 @@ from .errors import StippleError
 from .formats.splat_source import Dropped
 from .memory import gibibytes
 from .progress import Progress
-from .quantise import PACKING_VERSION, quantise, quantising_bytes_per_splat
+from .quantise import PACKING_VERSION, quantise_in_order, quantising_bytes_per_splat
 from .splats import SplatChunk
 
 GROUPS = "groups."  # how the names of the groups' arrays begin
+ORDER = "place_from_source"  # what a cache holds besides: only edits read it, see `capture_order`
 GROUP_ARRAYS = {
     "low": wp.vec3,
     "high": wp.vec3,
@@ -41,7 +42,7 @@ def bytes_to_upload(capture: CaptureFile) -> int:
     """The most that `upload_capture` takes on the device [bytes]."""
     for place in capture.places.of(capture.path):
         with suppress(CacheUnusable), open_cache(place, capture.fingerprint, PACKING_VERSION) as reader:
-            return sum(array.nbytes for array in reader.arrays.values())
+            return sum(array.nbytes for name, array in reader.arrays.items() if name != ORDER)
     return capture.splat_count * quantising_bytes_per_splat(capture.sh_degree)
 
 
@@ -66,10 +67,10 @@ def _load(capture: CaptureFile, device: wp.Device, progress: Progress) -> tuple[
                 warnings.append(f"{place}: {reason}; the capture is read again.")
     large = capture.fingerprint.file_bytes >= capture.places.smallest_bytes
     target = capture.places.to_write(capture.path) if large else None
-    cloud, dropped = _from_file(capture, device, progress, 1.0 if target is None else 1.0 - CACHE_SHARE)
+    cloud, order, dropped = _from_file(capture, device, progress, 1.0 if target is None else 1.0 - CACHE_SHARE)
     if target is not None:
         try:
-            _write(target, capture, cloud, dropped, progress)
+            _write(target, capture, cloud, order, dropped, progress)
         except StippleError as error:
             warnings.append(f"{error} {capture.name} will be read from its own file next time, too.")
     return cloud, (*dropped.warnings(capture.path, capture.splat_count), *warnings)
@@ -77,7 +78,8 @@ def _load(capture: CaptureFile, device: wp.Device, progress: Progress) -> tuple[
 
 def _from_file(
     capture: CaptureFile, device: wp.Device, progress: Progress, share: float
-) -> tuple[DeviceCloud, Dropped]:
+) -> tuple[DeviceCloud, wp.array, Dropped]:
+    """The cloud, where each splat of the file is in it, and what was left out."""
     source, readings = capture.source(), [Dropped() for _ in range(READINGS)]
     begun = iter(range(READINGS))
 
@@ -89,8 +91,8 @@ def _from_file(
 
         return source.chunks(arrays, progress=report, dropped=readings[reading])
 
-    cloud = quantise(open_chunks, capture.splat_count, capture.sh_degree, capture.name, device)
-    return cloud, readings[-1]
+    cloud, order = quantise_in_order(open_chunks, capture.splat_count, capture.sh_degree, capture.name, device)
+    return cloud, order, readings[-1]
 
 
 def _from_cache(
@@ -107,9 +109,10 @@ def _from_cache(
     groups = cloud.groups
     groups.shift, groups.count = shift, place_count >> shift
     wanted = _array_counts(cloud, groups.count)
-    if {name: array.shape for name, array in reader.arrays.items()} != {n: (c,) for n, (_, c) in wanted.items()}:
+    shapes = {name: array.shape for name, array in reader.arrays.items()}
+    if shapes.pop(ORDER, (0,)) > (place_count,) or shapes != {n: (c,) for n, (_, c) in wanted.items()}:
         raise CacheUnusable("its arrays are not what they should be")
-    total, done = sum(array.nbytes for array in reader.arrays.values()), 0
+    total, done = sum(reader.arrays[name].nbytes for name in wanted), 0
     for name, (dtype, count) in wanted.items():
         if reader.arrays[name].nbytes != count * wp.types.type_size_in_bytes(dtype):
             raise CacheUnusable(f"{name} is not of its size")
@@ -118,7 +121,7 @@ def _from_cache(
             progress((done + fraction_bytes) / total, f"reading the cache of {capture.name}")
 
         owner, field = (groups, name.removeprefix(GROUPS)) if name.startswith(GROUPS) else (cloud, name)
-        setattr(owner, field, _read_array(reader, name, dtype, count, device, report))
+        setattr(owner, field, read_array(reader, name, dtype, count, device, report))
         done += reader.arrays[name].nbytes
     cloud.groups = groups
     return cloud, dropped
@@ -136,7 +139,7 @@ def _array_counts(cloud: DeviceCloud, group_count: int) -> dict[str, tuple[Any, 
     return counts | {GROUPS + name: (dtype, group_count) for name, dtype in GROUP_ARRAYS.items()}
 
 
-def _read_array(
+def read_array(
     reader: CacheReader, name: str, dtype: Any, count: int, device: wp.Device, report: Callable[[int], None]
 ) -> wp.array:
     """Straight into the device's memory on a CPU, through one pinned block on CUDA."""
@@ -158,12 +161,14 @@ def _as_bytes(array: wp.array) -> wp.array:
     return wp.array(ptr=array.ptr, dtype=wp.uint8, shape=(nbytes,), device=array.device, copy=False)
 
 
-def _write(place: Path, capture: CaptureFile, cloud: DeviceCloud, dropped: Dropped, progress: Progress) -> None:
+def _write(
+    place: Path, capture: CaptureFile, cloud: DeviceCloud, order: wp.array, dropped: Dropped, progress: Progress
+) -> None:
     """Raises StippleError where there is no room or the file cannot be written."""
     arrays = {}
-    for name, (dtype, count) in _array_counts(cloud, cloud.groups.count).items():
-        array = getattr(cloud.groups, name.removeprefix(GROUPS)) if name.startswith(GROUPS) else getattr(cloud, name)
-        view = _as_bytes(array)
+    for name, (dtype, count) in (_array_counts(cloud, cloud.groups.count) | {ORDER: (wp.int32, order.size)}).items():
+        owner = cloud.groups if name.startswith(GROUPS) else cloud
+        view = _as_bytes(order if name == ORDER else getattr(owner, name.removeprefix(GROUPS)))
 
         def fetch(begin: int, end: int, view: wp.array = view) -> memoryview:
             return memoryview(view[begin:end].numpy())

@@ -50,7 +50,7 @@ class DeviceCloud:
     packed_rest: wp.array(dtype=wp.uint32)  # four coefficients each, as they follow each other: r, g, b, r, …
     rest_largest: wp.array(dtype=wp.float32)  # of a splat's coefficients, what 8 bits are relative to
 
-    state: wp.array(dtype=wp.uint32)  # flags of `edit.state` while it is edited, never of quantised clouds; or empty
+    state: wp.array(dtype=wp.uint32)  # flags of `edit.state` while it is edited, in the cloud's own order; or empty
 
 
 @wp.struct
@@ -175,7 +175,7 @@ def upload_cloud(cloud: SplatCloud, device: wp.Device) -> DeviceCloud:
 
 
 def with_state(cloud: DeviceCloud, state: wp.array) -> DeviceCloud:
-    """The same cloud, its arrays shared, under the flags (N,) uint32 of an edit. For clouds in full precision."""
+    """The same cloud, its arrays shared, under the flags (N,) uint32 of an edit, in the cloud's own order."""
     result = DeviceCloud()
     for name in DeviceCloud.vars:  # type: ignore[attr-defined]
         setattr(result, name, getattr(cloud, name))

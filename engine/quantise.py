@@ -38,7 +38,7 @@ LARGEST_LOG_SPAN = wp.constant(18.0)  # 1 : 6.6e7 between a group's scales; what
 BRIGHTEST = wp.constant(4.0)  # base colours of clouds without harmonics are clipped here
 
 
-PACKING_VERSION = 1  # of what the packed arrays mean; raise it with any change, for cache files hold them
+PACKING_VERSION = 2  # of what the packed arrays mean and of their order; raise it with any change: caches hold them
 MEASURING_BYTES = 56  # per splat, for the first step
 
 
@@ -149,23 +149,47 @@ def quantise(
     result does not depend on how they are cut into chunks. `group_shift` is log₂ of the splats per group where the
     cloud is to be part of a larger one. Raises StippleError where the two readings do not agree.
     """
+    return quantise_in_order(open_chunks, splat_count, sh_degree, name, device, group_shift=group_shift)[0]
+
+
+def place_from_source(
+    open_chunks: OpenChunks, splat_count: int, sh_degree: int, name: str, device: wp.Device
+) -> wp.array:
+    """Where `quantise` puts each splat, as `quantise_in_order` returns it; calls `open_chunks` once.
+
+    Equal to what `quantise` did only on the device it did it on: elsewhere a code may be rounded differently.
+    """
+    measures, splat_count = _measure(open_chunks, splat_count, sh_degree, name, device)
+    return lay_out(measures, splat_count, device, shift_for(splat_count)).place_from_source
+
+
+def quantise_in_order(
+    open_chunks: OpenChunks,
+    splat_count: int,
+    sh_degree: int,
+    name: str,
+    device: wp.Device,
+    *,
+    group_shift: int | None = None,
+) -> tuple[DeviceCloud, wp.array]:
+    """As `quantise`; also where each splat of the chunks is in the cloud, (N,) int32 on the device."""
     measures, splat_count = _measure(open_chunks, splat_count, sh_degree, name, device)
     layout = lay_out(measures, splat_count, device, shift_for(splat_count) if group_shift is None else group_shift)
     cloud = empty_cloud(layout.place_count, sh_degree)
     cloud.is_quantised = 1
     cloud.groups = _ranges(measures, layout, device)
-    place_from_source = layout.place_from_source
+    places = layout.place_from_source
     del measures, layout  # before the packed arrays are allocated
     _allocate(cloud, device)
     begin = 0
     for part in open_chunks(ARRAY_NAMES):
         _check_chunk(part, begin, splat_count, sh_degree, name)
-        inputs = [_chunk(part, begin, device), place_from_source, cloud]
+        inputs = [_chunk(part, begin, device), places, cloud]
         launch(pack_kernel, part.splat_count, inputs, device)
         begin += part.splat_count
     _check_total(begin, splat_count, name)
     bound_groups(cloud, device)
-    return cloud
+    return cloud, places
 
 
 def _measure(

@@ -20,6 +20,7 @@ import warp as wp
 from .buffers import Buffers, allocation_limits
 from .camera import Camera
 from .capture_file import CaptureFile
+from .capture_order import in_places
 from .cloud_upload import DeviceSource, upload_any
 from .device import choose_device
 from .device_cloud import DeviceCloud, to_device, with_state
@@ -111,15 +112,18 @@ class Renderer:
             if key not in self._clouds:
                 self._clouds[key] = (weakref.ref(cloud), upload_any(cloud, self.device, key[1], progress))
         shown = [self._clouds[_place_of(instance, storage)][1] for instance in scene.instances]
-        states = [instance.states for instance in scene.instances]
-        self._states = {id(held): self._states.get(id(held)) or self._upload(held) for held in states if held}
-        return [
-            with_state(cloud, self._states[id(held)][1]) if held else cloud
-            for cloud, held in zip(shown, states, strict=True)
-        ]
+        before, self._states = self._states, {}
+        for i, instance in enumerate(scene.instances):
+            if (states := instance.states) is not None:
+                known = self._states.get(id(states)) or before.get(id(states))
+                held = self._states[id(states)] = known or (states, self._upload(instance.cloud, states, progress))
+                shown[i] = with_state(shown[i], held[1])
+        return shown
 
-    def _upload(self, states: SplatStates) -> tuple[SplatStates, wp.array]:
-        return states, to_device(states.words, wp.uint32, self.device)
+    def _upload(self, cloud: SplatCloud | DeviceSource, states: SplatStates, progress: Progress) -> wp.array:
+        """The flags in the order of the cloud on the device."""
+        words = to_device(states.words, wp.uint32, self.device)
+        return in_places(words, cloud, progress) if isinstance(cloud, CaptureFile) else words
 
     def environment(self, image: EnvironmentImage) -> DeviceEnvironment:
         """The image on the device; one is kept from frame to frame."""
@@ -180,8 +184,12 @@ class Renderer:
 
 
 def _place_of(instance: Instance, storage: str) -> tuple[int, str]:
-    """Under what a renderer keeps an instance's cloud; flags go by splats in the host's order, so never quantised."""
-    return id(instance.cloud), "full" if instance.states is not None else storage
+    """Under what a renderer keeps an instance's cloud.
+
+    Flags of what the host holds go by splats in its order, so it is not quantised then; others choose for themselves.
+    """
+    full = instance.states is not None or not isinstance(instance.cloud, SplatCloud)
+    return id(instance.cloud), "full" if full else storage
 
 
 def picture_bytes(pixels: int, settings: Settings, background: Background) -> dict[str, int]:

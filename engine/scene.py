@@ -28,6 +28,8 @@ def identity_transform() -> npt.NDArray[np.float64]:
 class SplatStates:
     """The flags of a cloud that is edited: `words` (N,) uint32, bits as in `edit.state`. Recognised by identity.
 
+    They stand in the host's order: a cloud's own, or of a capture that stays in its file that of the file's splats,
+    without those that cannot be rendered.
     Hidden and deleted splats are not drawn, selected ones are drawn highlighted.
     """
 
@@ -43,7 +45,8 @@ class Instance:
     - `name`: of the object, for messages.
     - `object_index`: the host's pass index, for masks.
     - `look`: how it is graded, cropped and displayed; changes neither cloud nor memory.
-    - `states`: flags of an edit, or None. Only for clouds that the host holds; they are drawn in full precision then.
+    - `states`: flags of an edit, or None. Clouds that the host holds are drawn in full precision then; of others only
+      captures that stay in their file may have them.
     """
 
     cloud: SplatCloud | DeviceSource

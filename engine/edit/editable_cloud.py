@@ -52,19 +52,23 @@ class EditableCloud:
     def __init__(self, arrays: Mapping[str, npt.NDArray[np.float32]], device: wp.Device, name: str = "splats") -> None:
         if "position" not in arrays or not set(arrays) <= set(ARRAY_NAMES):
             raise StippleError(f"{name}: editing needs position, and of the rest any of {', '.join(ARRAY_NAMES)}.")
-        self.name, self.device = name, device
-        self.splat_count = len(arrays["position"])
-        self.scratch = Buffers(device)
-        self.versions = dict.fromkeys(ELEMENTS, 0)
-        self._host = dict(arrays)  # what views look at must stay
-        self._owned: set[str] = set()
-        self._arrays: dict[str, wp.array] = {}
-        self._whole: dict[str, wp.array] = {}  # arrays longer than the cloud, of which `_arrays` holds views
+        self._begin(len(arrays["position"]), device, name)
+        self._host |= arrays  # what views look at must stay
         for key, values in arrays.items():
             if len(values) != self.splat_count or values.dtype != np.float32 or not values.flags.c_contiguous:
                 raise StippleError(f"{name}: {key} must be contiguous float32 with {self.splat_count:,} rows.")
             self._arrays[key] = self._upload(key, values)
-        state = allocate(device, wp.uint32, self.splat_count, "the state of the splats", EDIT_LESS)
+
+    def _begin(self, splat_count: int, device: wp.Device, name: str) -> None:
+        """No attributes yet, and no flags."""
+        self.name, self.device, self.splat_count = name, device, splat_count
+        self.scratch = Buffers(device)
+        self.versions = dict.fromkeys(ELEMENTS, 0)
+        self._host: dict[str, npt.NDArray[np.float32]] = {}
+        self._owned: set[str] = set()
+        self._arrays: dict[str, wp.array] = {}
+        self._whole: dict[str, wp.array] = {}  # arrays longer than the cloud, of which `_arrays` holds views
+        state = allocate(device, wp.uint32, splat_count, "the state of the splats", EDIT_LESS)
         state.zero_()
         self._put("state", state)
 

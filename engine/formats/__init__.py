@@ -12,18 +12,22 @@ Warp nor Blender.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import StippleError
 from ..progress import Progress
-from ..splats import SplatCloud
+from ..splats import SplatChunk, SplatCloud
 from .ply_read import open_ply, starts_like_ply
 from .ply_write import write_ply
 from .source_file import open_source
 from .splat_format import AnyPath, LoadedSplats, SplatFormat
 from .splat_source import SplatSource
 
-__all__ = ["FORMATS", "LoadedSplats", "SplatSource", "open_splats", "read_splats", "readable_suffixes", "write_splats"]
+__all__ = [
+    "FORMATS", "LoadedSplats", "SplatSource", "open_splats", "read_splats", "readable_suffixes", "write_splat_chunks",
+    "write_splats",
+]  # fmt: skip
 
 FORMATS = (SplatFormat("3DGS PLY", (".ply",), starts_like_ply, open_ply, write_ply),)
 SIGNATURE_BYTES = 64  # how much of a file's beginning a format may look at to recognise it
@@ -63,8 +67,18 @@ def write_splats(path: AnyPath, cloud: SplatCloud) -> None:
 
     Raises StippleError for an unknown suffix and where the file cannot be written; nothing half-written stays.
     """
+    write_splat_chunks(path, [cloud], cloud.splat_count, cloud.sh_degree)
+
+
+def write_splat_chunks(
+    path: AnyPath, chunks: Iterable[SplatCloud | SplatChunk], splat_count: int, sh_degree: int
+) -> None:
+    """As `write_splats`, of a capture that comes in chunks of one SH degree, `splat_count` splats in all.
+
+    Lets through what the chunks raise.
+    """
     path = Path(path)
-    _format_of_suffix(path, "written").write(path, cloud)
+    _format_of_suffix(path, "written").write(path, chunks, splat_count, sh_degree)
 
 
 def _format_of_suffix(path: Path, done: str) -> SplatFormat:

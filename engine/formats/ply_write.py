@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from ..splats import FloatArray, SplatCloud
+from ..errors import StippleError
+from ..splats import SH_REST_COUNT, FloatArray, SplatChunk, SplatCloud
 from .atomic_file import replacing
 from .ply_layout import file_order, properties_of_arrays
 from .splat_format import AnyPath
@@ -20,32 +23,44 @@ OPACITY_LOGIT_MAX = 20.0
 SCALE_MIN = float(np.finfo(np.float32).tiny)
 
 
-def write_ply(path: AnyPath, cloud: SplatCloud) -> None:
-    """Writes `cloud` as binary little-endian float32 with the properties of INRIA's trainer, normals zero.
+def write_ply(path: AnyPath, chunks: Iterable[SplatCloud | SplatChunk], splat_count: int, sh_degree: int) -> None:
+    """Writes chunks of splats as binary little-endian float32 with the properties of INRIA's trainer, normals zero.
 
     Scales become logarithms, at least log(1.2e-38); opacities become logits within ±20, so that reading them again
     differs by less than 1e-6; SH coefficients and rotations are written as they are. Values are not checked: a cloud
-    from a reader has only finite ones. The file is replaced in one step; peak memory is a few MiB.
+    from a reader has only finite ones. The file is replaced in one step; peak memory is a few MiB besides the chunks.
 
-    Raises StippleError where the file cannot be written.
+    Raises StippleError where the file cannot be written or the chunks hold another number of splats, and lets through
+    what the chunks raise; nothing is replaced then.
     """
-    order = file_order(cloud.sh_rest.shape[1])
+    order = file_order(SH_REST_COUNT[sh_degree])
     columns = {
         name: np.array([order.index(column) for column in properties], np.intp)
-        for name, properties in properties_of_arrays(cloud.sh_rest.shape[1]).items()
+        for name, properties in properties_of_arrays(SH_REST_COUNT[sh_degree]).items()
     }
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {cloud.splat_count}"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {splat_count}"]
     header += [f"property float {name}" for name in order] + ["end_header", ""]
     with replacing(Path(path)) as file:
         file.write("\n".join(header).encode("ascii"))
-        for first in range(0, cloud.splat_count, BLOCK_ROWS):
-            block = slice(first, min(first + BLOCK_ROWS, cloud.splat_count))
-            rows = np.zeros((block.stop - first, len(order)), "<f4")
-            for name in ("position", "rotation", "sh_dc", "sh_rest"):
-                rows[:, columns[name]] = getattr(cloud, name)[block].reshape(len(rows), -1)
-            rows[:, columns["scale"]] = np.log(np.maximum(cloud.scale[block], SCALE_MIN))
-            rows[:, columns["opacity"]] = _logit(cloud.opacity[block])[:, None]
-            file.write(rows.data)
+        written = 0
+        for chunk in chunks:
+            for first in range(0, chunk.splat_count, BLOCK_ROWS):
+                block = slice(first, min(first + BLOCK_ROWS, chunk.splat_count))
+                file.write(_rows(chunk, block, columns, len(order)).data)
+            written += chunk.splat_count
+        if written != splat_count:
+            raise StippleError(f"{path}: {written:,} splats came where {splat_count:,} were announced; try again.")
+
+
+def _rows(
+    chunk: SplatCloud | SplatChunk, block: slice, columns: Mapping[str, npt.NDArray[np.intp]], width: int
+) -> npt.NDArray[np.float32]:
+    rows = np.zeros((block.stop - block.start, width), "<f4")
+    for name in ("position", "rotation", "sh_dc", "sh_rest"):
+        rows[:, columns[name]] = getattr(chunk, name)[block].reshape(len(rows), -1)
+    rows[:, columns["scale"]] = np.log(np.maximum(chunk.scale[block], SCALE_MIN))
+    rows[:, columns["opacity"]] = _logit(chunk.opacity[block])[:, None]
+    return rows
 
 
 def _logit(opacity: FloatArray) -> FloatArray:

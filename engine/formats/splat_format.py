@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..splats import SplatCloud
+from ..splats import SplatChunk, SplatCloud
 
 if TYPE_CHECKING:
     from .splat_source import SplatSource
@@ -37,11 +37,12 @@ class SplatFormat:
 
     - `name`: as the user knows it; `suffixes`: lower case, with the dot.
     - `recognises`: whether a file that begins with these bytes is of this format.
-    - `open`, `write`: raise StippleError; `open` reads the header, `write` replaces the file in one step.
+    - `open`, `write`: raise StippleError; `open` reads the header, `write` replaces the file in one step with
+      chunks of so many splats of an SH degree in all.
     """
 
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
     open: Callable[[Path], SplatSource]
-    write: Callable[[Path, SplatCloud], None]
+    write: Callable[[Path, Iterable[SplatCloud | SplatChunk], int, int], None]

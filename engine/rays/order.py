@@ -20,8 +20,8 @@ from ..device_cloud import DeviceCloud, read_splat
 from ..device_look import dressed, opaque_from
 from ..edit.state import NOT_SELECTABLE, SELECTED
 from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key, make_view
-from ..scene import Scene
 from ..settings import Settings
+from ..splats import SplatCloud
 
 if TYPE_CHECKING:
     from ..shot import Shot
@@ -161,13 +161,15 @@ def find_order(shot: Shot) -> DrawOrder:
         drawn = np.flatnonzero(keys.numpy()[:total] != int(HIDDEN))
     instance = np.searchsorted(offsets, drawn, side="right") - 1
     splat = (drawn - offsets[instance]).astype(np.int32)
-    return DrawOrder(splat, instance.astype(np.int32), _highlighted(shot.scene, splat, instance))
+    return DrawOrder(splat, instance.astype(np.int32), _highlighted(shot, splat, instance))
 
 
-def _highlighted(scene: Scene, splat: npt.NDArray[np.int32], instance: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+def _highlighted(shot: Shot, splat: npt.NDArray[np.int32], instance: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
     result = np.zeros(len(splat), bool)
-    for k, placed in enumerate(scene.instances):
+    for k, (placed, cloud) in enumerate(zip(shot.scene.instances, shot.clouds, strict=True)):
         if placed.states is not None:
             here = instance == k
-            result[here] = (placed.states.words[splat[here]] & (NOT_SELECTABLE | SELECTED)) == SELECTED
+            # Of what stays in its file the host's words stand in another order than the splats on the device.
+            words = placed.states.words if isinstance(placed.cloud, SplatCloud) else cloud.state.numpy()
+            result[here] = (words[splat[here]] & (NOT_SELECTABLE | SELECTED)) == SELECTED
     return result

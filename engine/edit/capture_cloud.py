@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A capture that stays in its file as a cloud that can be edited: attributes are unpacked when an operation asks."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from ..buffers import allocate
+from ..capture_file import CaptureFile
+from ..capture_order import order_of
+from ..device import launch
+from ..device_cloud import DeviceCloud, empty_cloud, read_dc, read_rest, read_rotation, read_splat
+from ..errors import StippleError
+from ..progress import Progress
+from .capture_edits import VALUES, CaptureEdits, Rows, check_edits_of, identity_of
+from .editable_cloud import ELEMENTS, UNPAINTED, EditableCloud
+from .edited_values import put_values
+from .mask import EDIT_LESS, Mask
+from .paint_layer import OpacityDiff, PaintDiff
+from .rows import no_rows, row_of
+from .step import FlagDiff, Step
+from .transform_diff import TransformDiff
+
+wp.set_module_options({"enable_backward": False})
+
+GEOMETRY = ("position", "scale", "rotation")
+
+
+@wp.kernel
+def unpack_kernel(
+    first: wp.int32,
+    cloud: DeviceCloud,
+    place_from_source: wp.array(dtype=wp.int32),
+    rows: wp.array(dtype=wp.int32),
+    position: wp.array(dtype=wp.vec3),
+    scale: wp.array(dtype=wp.vec3),
+    rotation: wp.array(dtype=wp.vec4),
+    opacity: wp.array(dtype=wp.float32),
+    sh_dc: wp.array(dtype=wp.vec3),
+    sh_rest: wp.array2d(dtype=wp.vec3),
+) -> None:
+    """Arrays without elements are left alone."""
+    i = first + wp.tid()
+    place = place_from_source[row_of(rows, i)]
+    splat = read_splat(cloud, place)
+    if position.shape[0] > 0:
+        position[i] = splat.position
+    if scale.shape[0] > 0:
+        scale[i] = splat.scale
+    if rotation.shape[0] > 0:
+        rotation[i] = read_rotation(cloud, place)
+    if opacity.shape[0] > 0:
+        opacity[i] = splat.opacity
+    if sh_dc.shape[0] > 0:
+        sh_dc[i] = read_dc(cloud, place)
+    for k in range(sh_rest.shape[1]):
+        sh_rest[i, k] = read_rest(cloud, place, k)
+
+
+class CaptureCloud(EditableCloud):
+    """The splats of a capture in the order of its file, unpacked from the quantised arrays on the device.
+
+    `edits` are what it shows; operations change the arrays as those of any cloud, and `edits_after` tells what a step
+    has made of them. An attribute is there once it was asked for: a selection by position takes 16 bytes per splat, and
+    a stroke of paint some 40. Harmonics are never unpacked, as of a cloud of degree 0, for no operation looks at them:
+    paint words and matrices say what becomes of them. With `rows`, which rise, it has only these splats, and their
+    harmonics, too.
+
+    Raises StippleError where the edits are of another capture, the file cannot be read, or memory runs out.
+    """
+
+    def __init__(
+        self,
+        capture: CaptureFile,
+        device: wp.Device,
+        edits: CaptureEdits | None,
+        progress: Progress,
+        rows: Rows | None = None,
+    ) -> None:
+        self._packed = capture.upload(device, progress)
+        self._order = order_of(capture, device, progress)
+        if edits is None:
+            edits = CaptureEdits(identity_of(capture.fingerprint), self._order.size)
+        check_edits_of(capture.path, capture.fingerprint, edits)
+        if edits.splat_count != self._order.size:
+            raise StippleError(f"{capture.path}: the edits are of {edits.splat_count:,} splats; discard them.")
+        self._begin(self._order.size if rows is None else rows.size, device, capture.name)
+        self._chosen = rows
+        self._rows = no_rows(device) if rows is None else wp.array(rows, dtype=wp.int32, device=device)
+        self.edits = edits
+        self.show(edits)
+
+    def show(self, edits: CaptureEdits) -> None:
+        """Takes other edits of the same capture up: flags at once, values when they are asked for."""
+        self.forget(*ELEMENTS, *UNPAINTED)
+        self.edits = edits
+        if self._chosen is None:
+            self.state.assign(edits.states())
+            self._put("sh_rest", wp.empty((self.splat_count, 0), dtype=wp.vec3, device=self.device))
+        self.touched(*ELEMENTS)
+
+    def forget(self, *names: str) -> None:
+        """Gives back what can be unpacked again."""
+        for name in set(names) - {"state"}:
+            for held in (self._arrays, self._whole, self._host):
+                held.pop(name, None)
+            self._owned.discard(name)
+
+    def has(self, name: str) -> bool:
+        return super().has(name) or name in self._unpackable()
+
+    def array(self, name: str) -> wp.array:
+        missing = name if name not in UNPAINTED or name in self._arrays else UNPAINTED[name]
+        if missing not in self._arrays and missing in self._unpackable():
+            self._unpack(missing)
+        return super().array(name)
+
+    def _unpackable(self) -> tuple[str, ...]:
+        return (*GEOMETRY, "opacity", "sh_dc", *(["sh_rest"] if self._chosen is not None else []))
+
+    def _unpack(self, name: str) -> None:
+        """An attribute as the edits have it; those that are changed together come together."""
+        names: tuple[str, ...] = (name,)
+        if name in GEOMETRY and self.edits.get("moved_rows").size:
+            names = GEOMETRY
+        if name == "sh_rest" or (self._chosen is not None and name in (*GEOMETRY, "sh_dc")):
+            names = (*GEOMETRY, "sh_dc", "sh_rest")
+        self._read([missing for missing in names if missing not in self._arrays])
+        if set(names) & set(GEOMETRY):
+            self._put_values("moved_rows")
+        if "sh_dc" in names:
+            self._put_values("painted_rows")
+        if "opacity" in names:
+            self._put_values("opacity_rows")
+
+    def _read(self, names: list[str]) -> None:
+        """As the file has them, but for quantisation."""
+        count, new = self.splat_count, {}
+        none = {name: wp.empty(0, dtype=dtype, device=self.device) for name, dtype in ELEMENTS.items()}
+        none["sh_rest"] = wp.empty((0, 0), dtype=wp.vec3, device=self.device)
+        for name in names:
+            shape = (count, self._packed.rest_count) if name == "sh_rest" else (count,)
+            if 0 in shape:
+                new[name] = wp.empty(shape, dtype=wp.vec3, device=self.device)
+            else:
+                new[name] = allocate(self.device, ELEMENTS[name], shape, f"{name} of {self.name}", EDIT_LESS)
+        arrays = [(none | new)[name] for name in (*GEOMETRY, "opacity", "sh_dc", "sh_rest")]
+        launch(unpack_kernel, count, [self._packed, self._order, self._rows, *arrays], self.device)
+        for name, array in new.items():
+            self._put(name, array)
+
+    def _put_values(self, name: str) -> None:
+        put_values(self, name, *self._local(name), self.edits.matrices)
+
+    def _local(self, name: str) -> tuple[Rows, npt.NDArray[np.generic]]:
+        """Numbers in this cloud of the splats that have a value, and the values."""
+        if self._chosen is not None:
+            return self.edits.values_of(name, self._chosen)
+        return self.edits.get(name), self.edits.get(VALUES[name])
+
+    def edits_after(self, step: Step) -> CaptureEdits:
+        """The edits once a step, which is applied, is among them. Raises StippleError for one that adds splats."""
+        edits = self.edits
+        if any(isinstance(diff, FlagDiff) for diff in step.diffs):
+            edits = edits.with_states(self.state.numpy())
+        for diff in step.diffs:
+            if isinstance(diff, TransformDiff):
+                edits = edits.moved(diff.which.indices().numpy(), diff.matrix)
+            elif isinstance(diff, PaintDiff):
+                edits = self._painted(edits, diff.rows.numpy())
+            elif isinstance(diff, OpacityDiff):
+                edits = self._opacities(edits, diff.rows.numpy())
+            elif not isinstance(diff, FlagDiff):
+                raise StippleError(no_new_splats(self.name, step.name))
+        return edits
+
+    def keep(self, edits: CaptureEdits) -> None:
+        """Takes up what `edits_after` has returned; moved splats are unpacked again, as a reload would."""
+        if edits.get("moved_rows") is not self.edits.get("moved_rows") or edits.matrices is not self.edits.matrices:
+            self.forget(*GEOMETRY)
+        self.edits = edits
+
+    def edits_meanwhile(self, which: Mask | None = None, matrix: npt.NDArray[np.float64] | None = None) -> CaptureEdits:
+        """The edits as the arrays stand in the middle of a stroke, or of a drag of some splats by a map (3, 4)."""
+        edits = self.edits.with_states(self.state.numpy())
+        if which is not None and matrix is not None:
+            return edits.moved(which.indices().numpy(), matrix)
+        if "paint" in self._arrays:
+            words = self._arrays["paint"].numpy()
+            rows = np.union1d(np.flatnonzero(words), edits.get("painted_rows")).astype(np.int32)
+            edits = self._painted(edits, rows)
+        if "base_opacity" in self._arrays:
+            now, base = (self._arrays[name].numpy() for name in ("opacity", "base_opacity"))
+            edits = self._opacities(edits, np.flatnonzero(now != base).astype(np.int32))
+        return edits
+
+    def _painted(self, edits: CaptureEdits, rows: Rows) -> CaptureEdits:
+        words = self.array("paint").numpy()[rows]
+        return edits.with_values("painted_rows", rows, words, words == 0)
+
+    def _opacities(self, edits: CaptureEdits, rows: Rows) -> CaptureEdits:
+        values = self.array("opacity").numpy()[rows]
+        return edits.with_values("opacity_rows", rows, values, values == self.array("base_opacity").numpy()[rows])
+
+    def to_device_cloud(self) -> DeviceCloud:
+        """Its splats in full precision, without bounds; for clouds of some rows."""
+        cloud = empty_cloud(self.splat_count, self._packed.sh_degree)
+        for name in (*GEOMETRY, "opacity", "sh_dc"):
+            setattr(cloud, name, self.array(name))
+        cloud.sh_rest = self.array("sh_rest").flatten()
+        return cloud
+
+
+def no_new_splats(name: str, what: str) -> str:
+    """Why an operation that adds splats is refused."""
+    return (
+        f"{name}: {what} adds splats, which the edits of a linked capture cannot hold; apply the edits to a copy and "
+        "import that."
+    )
