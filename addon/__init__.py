@@ -12,8 +12,10 @@ import bpy
 
 from . import (
     capture_panel,
+    edits_beside_blend,
     graphics_context,
     linked_capture,
+    linked_edits,
     object_panels,
     object_properties,
     overlay,
@@ -48,6 +50,7 @@ from .operators import (
     import_splats,
     link_captures,
 )
+from .operators import linked_edits as linked_edits_operators
 
 PARTS = (  # in order; undone in reverse
     preferences,
@@ -56,10 +59,13 @@ PARTS = (  # in order; undone in reverse
     sequence,
     sequence_paths,
     linked_capture,
+    linked_edits,
+    edits_beside_blend,
     residency,
     graphics_context,
     import_splats,
     link_captures,
+    linked_edits_operators,
     import_cameras,
     apply_transform,
     crops,

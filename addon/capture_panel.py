@@ -7,10 +7,14 @@ from typing import Any
 
 import bpy
 
+from ..engine.errors import StippleError
 from ..engine.memory import byte_size
 from ..engine.splats import packed_bytes_per_splat
+from .edits_beside_blend import problems
 from .linked_capture import is_linked, path_of
+from .linked_edits import edits_path, found_edits, has_edits, holds
 from .operators.link_captures import OBJECT_OT_stipple_relink_capture, OBJECT_OT_stipple_reload_capture
+from .operators.linked_edits import STIPPLE_OT_apply_edits, STIPPLE_OT_discard_edits
 
 
 class DATA_PT_stipple_linked_capture(bpy.types.Panel):
@@ -41,6 +45,30 @@ class DATA_PT_stipple_linked_capture(bpy.types.Panel):
         column = layout.column(align=True)
         for line in facts_of(b_data):
             column.label(text=line)
+        if has_edits(b_data):
+            text, icon = edits_state_of(b_data)
+            row = layout.row()
+            row.alert = icon == "ERROR"
+            row.label(text=text, icon=icon)
+            row = layout.row(align=True)
+            row.operator(STIPPLE_OT_apply_edits.bl_idname, text="Apply to Copy", icon="EXPORT")
+            row.operator(STIPPLE_OT_discard_edits.bl_idname, text="Discard", icon="X")
+
+
+def edits_state_of(b_data: Any) -> tuple[str, str]:
+    """A few words on where the edits are, and the icon that goes with them."""
+    if b_data.session_uid in problems:
+        return "Edits were not saved: see the console", "ERROR"
+    try:
+        found = found_edits(b_data, b_data.name)
+        path = edits_path(b_data)
+    except StippleError:
+        path = edits_path(b_data)
+        what = "damaged" if path is not None and path.is_file() else "missing"
+        return f"Edits: {path.name} is {what}" if path else "Edits are missing", "ERROR"
+    if found is None or path is None or not holds(path, found.edits.token):
+        return "Edited; saved with the .blend file", "INFO"
+    return f"Edits: {path.name}", "GREASEPENCIL"
 
 
 def state_of(b_data: Any) -> tuple[str, str]:

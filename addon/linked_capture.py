@@ -38,6 +38,8 @@ class StippleLinkedCapture(bpy.types.PropertyGroup):
     sh_degree: IntProperty(name="SH Degree", min=0, max=4)  # type: ignore[valid-type]
     bounds_low: FloatVectorProperty(name="Smallest", size=3, subtype="XYZ")  # type: ignore[valid-type]
     bounds_high: FloatVectorProperty(name="Largest", size=3, subtype="XYZ")  # type: ignore[valid-type]
+    edits: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # see `linked_edits`
+    edits_file: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # beside the .blend
 
 
 def is_linked(b_data: Any) -> bool:
@@ -95,6 +97,12 @@ def relink(b_data: Any, capture: CaptureFile, survey: Survey) -> None:
     write_cloud(b_data, proxy)
     _note(b_data, capture, survey)
     b_data.update_tag()
+
+
+def link_anew(b_data: Any, capture: CaptureFile, survey: Survey) -> None:
+    """As `relink`, but what else stands for the file that this datablock stood for goes on doing so."""
+    b_data.stipple_capture.file = None
+    relink(b_data, capture, survey)
 
 
 def proxy_of(survey: Survey) -> SplatCloud:

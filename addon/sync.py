@@ -11,12 +11,12 @@ import numpy as np
 
 from ..engine.capture_file import CaptureFile
 from ..engine.errors import StippleError
-from ..engine.scene import Instance, Scene, SplatStates
+from ..engine.scene import Instance, Scene
 from ..engine.settings import Settings
 from ..engine.splats import SplatCloud
 from . import residency, sequence, world
-from .edit.session import preview_of
-from .edit.shown import states_in_render, states_in_viewport
+from .edit.preview import Preview, preview_of
+from .edit.shown import shown_in_render, shown_in_viewport
 from .linked_capture import is_linked
 from .looks import ALL_SH_DEGREES, LookReader
 from .residency import CloudCache, EvaluatedClouds, linked
@@ -82,16 +82,19 @@ def viewport_instances(
                 return linked.capture_of(b_object.data, b_object.name), 0
             except StippleError as error:
                 problems[str(error)] = None
-        if (preview := preview_of(b_object)) is not None:
+        if isinstance(preview := preview_of(b_object), Preview):
             return preview.cloud, 0
         return known.cloud_of(b_object.data, b_object.name, uids)
 
-    def states_of(b_object: Any, dropped: int) -> SplatStates | None:
-        preview = preview_of(b_object)
-        return preview.states if preview else states_in_viewport(b_object, dropped, depsgraph.scene)
+    def as_shown(instance: Instance, b_object: Any, dropped: int) -> tuple[tuple[Instance, ...], str]:
+        try:
+            return shown_in_viewport(instance, b_object, dropped, depsgraph.scene)
+        except StippleError as error:
+            problems[str(error)] = None
+            return (instance,), ""
 
     with known.reading(changed), player.reading(depsgraph.scene):
-        instances, warnings = _instances(depsgraph, cloud_of, states_of)
+        instances, warnings = _instances(depsgraph, cloud_of, as_shown)
     return instances, (*problems, *warnings, *player.warnings)
 
 
@@ -109,7 +112,7 @@ def changed_geometry(depsgraph: Any) -> set[int]:
 def _instances(
     depsgraph: Any,
     cloud_of: Callable[[Any, Any], Shown],
-    states_of: Callable[[Any, int], SplatStates | None] = states_in_render,
+    as_shown: Callable[[Instance, Any, int], tuple[tuple[Instance, ...], str]] = shown_in_render,
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     instances: list[Instance] = []
     warnings: dict[str, None] = {}
@@ -125,8 +128,10 @@ def _instances(
         if dropped:
             warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
         if cloud is not None:
-            look, states = looks.look_of(b_instance), states_of(b_object, dropped)
-            instances.append(Instance(cloud, matrix, b_object.name, b_object.pass_index, look, states))
+            instance = Instance(cloud, matrix, b_object.name, b_object.pass_index, looks.look_of(b_instance))
+            shown, notice = as_shown(instance, b_object, dropped)
+            instances.extend(shown)
+            warnings |= {notice: None} if notice else {}
     return tuple(instances), (*warnings, *looks.notices)
 
 

@@ -12,7 +12,7 @@ import bpy
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
 from . import residency, sync, world
-from .edit.session import shown_previews
+from .edit.preview import shown_previews
 from .sequence import SequencePlayer
 from .view_camera import view_of
 from .viewport import Aim, ViewportSession

@@ -14,7 +14,7 @@ import numpy as np
 from ..view_camera import view_of
 from .mode import Reported, edited_object
 from .operator import redraw, session_in, world_from_object
-from .session import end_preview, show_preview
+from .preview import end_preview, show_preview
 
 DIGITS = {
     name: str(value)
@@ -61,8 +61,9 @@ class DragOperator:
             return {"PASS_THROUGH"} if event.type.startswith("NDOF") else {"RUNNING_MODAL"}
         with Reported(self):
             self._set_value(context, event.ctrl, event.shift and not self._plane)
-            self._drag.update(self.matrix(self._pivot))  # type: ignore[attr-defined]
-            show_preview(edited_object(context).data, self._session)
+            matrix = self.matrix(self._pivot)  # type: ignore[attr-defined]
+            self._drag.update(matrix)
+            show_preview(edited_object(context).data, self._session, matrix, world_from_object(context))
             redraw(context)
             self._say(context)
             return {"RUNNING_MODAL"}

@@ -16,6 +16,8 @@ from bpy.props import BoolProperty
 
 from ...engine.edit.state_bits import DELETED
 from ...engine.errors import StippleError
+from ..linked_capture import is_linked
+from ..linked_edits import found_edits
 from ..point_rows import check_points_only, replace_points
 from ..splat_data import POINT_TYPES, is_capture, splat_count_of, states_of, usable_rows, write_states
 from . import session
@@ -54,6 +56,8 @@ class STIPPLE_OT_edit_mode_toggle(bpy.types.Operator):
                 leave(b_object)
             else:
                 session.check_editable(b_object)
+                if is_linked(b_object.data):
+                    found_edits(b_object.data, b_object.name)  # says now what is wrong with them
                 setattr(b_object, MARK, True)
             b_object.data.update_tag()  # viewports show flags or no longer do
             return {"FINISHED"}
@@ -63,7 +67,8 @@ class STIPPLE_OT_edit_mode_toggle(bpy.types.Operator):
 def leave(b_object: Any) -> None:
     """Takes deleted splats out of the datablock, then the mark off the object. All or nothing; StippleError says why.
 
-    A capture keeps its mark while every splat is deleted: no splats would be no capture.
+    A capture keeps its mark while every splat is deleted: no splats would be no capture. Those of a linked capture stay
+    in their file, and what is deleted can be restored later, too.
     """
     b_data = b_object.data
     states = states_of(b_data)
@@ -99,6 +104,8 @@ class STIPPLE_OT_delete_invalid(bpy.types.Operator):
         b_object = context.object
         with Reported(self):
             session.check_editable(b_object)
+            if is_linked(b_object.data):
+                raise StippleError(f"{b_object.name}: invalid splats of a linked capture are never shown; keep them.")
             usable = usable_rows(b_object.data, b_object.name)
             if not usable.any():
                 raise StippleError(f"{b_object.name}: no splat is valid; import the file again.")

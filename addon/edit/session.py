@@ -3,28 +3,28 @@
 
 The datablock is the truth. An operator asks for a session, makes a step of `engine.edit` in it and commits: the arrays
 that changed are written back, and Blender's undo sees an ordinary change of attributes. So undo, redo, scripts, nodes'
-results and reloaded files need no message to get here: the next operator compares checksums.
+results and reloaded files need no message to get here: the next operator compares checksums. Of a linked capture the
+datablock has a token of the edits (`linked_session`), and the same holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
+import numpy.typing as npt
 from bpy.app.handlers import persistent
 
 from ...engine.errors import StippleError
-from ...engine.scene import SplatStates
+from ...engine.scene import Instance, SplatStates
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from .. import residency
 from ..linked_capture import is_linked
 from ..point_rows import Rows, check_points_only, replace_points
 from ..sequence import plays
 from ..splat_data import (
-    CloudKey,
     cloud_from_datablock,
     is_capture,
     key_of,
@@ -33,12 +33,17 @@ from ..splat_data import (
     write_arrays,
     write_states,
 )
+from .preview import Preview
 
 if TYPE_CHECKING:
     import warp as wp
 
+    from ...engine.camera import Camera
     from ...engine.edit.editable_cloud import EditableCloud
+    from ...engine.edit.mask import Mask
     from ...engine.edit.step import Step
+    from ...engine.picking import Pick
+    from ...engine.renderer import Renderer
 
 MOST_SESSIONS = 2  # each holds a capture once more
 _sessions: dict[int, EditSession] = {}  # by session_uid of the datablock, the one used last at the end
@@ -59,8 +64,9 @@ class EditSession:
         self._written = dict(self.cloud.versions)
         self._snapshot: tuple[dict[str, int], SplatCloud] = (dict(self.cloud.versions), cloud)
 
-    def is_of(self, b_data: Any, key: CloudKey) -> bool:
+    def is_of(self, b_data: Any) -> bool:
         """Whether the datablock still holds these splats; flags that differ are taken over."""
+        key = key_of(b_data, self.name)
         if key != self._key or self.cloud.splat_count != key[0]:
             return False
         states = states_of(b_data)
@@ -131,6 +137,27 @@ class EditSession:
             self._snapshot = (dict(now), SplatCloud(**values, name=self.name))
         return self._snapshot[1]
 
+    def check_new_splats(self, what: str) -> None:
+        """Raises StippleError where splats cannot be added; asked before anything is done."""
+
+    def preview(self, new_from_old: npt.ArrayLike | None, world_from_object: npt.ArrayLike | None) -> Any:
+        """What viewports show of it before anything is written."""
+        return Preview(self.snapshot(), SplatStates(self.states().copy()))
+
+    def instances(self, world_from_object: npt.NDArray[np.float64]) -> tuple[Instance, ...]:
+        """What a look at the splats themselves sees."""
+        return (Instance(self.snapshot(), world_from_object, states=SplatStates(self.states().copy())),)
+
+    def splat_of(self, found: Pick) -> int:
+        """The splat that was found in a picture of `instances`."""
+        return found.splat
+
+    def visible(self, camera: Camera, renderer: Renderer, world_from_object: npt.NDArray[np.float64]) -> Mask:
+        """The splats of which the camera sees something."""
+        from ...engine.edit.match_visible import match_visible
+
+        return match_visible(self.cloud, camera, renderer, world_from_object)
+
     def _put_states(self, states: np.ndarray | None) -> None:
         if states is None:
             self.cloud.state.zero_()
@@ -149,12 +176,16 @@ def session_of(b_object: Any, device: str, progress: Callable[[float, str], None
     """
     check_editable(b_object)
     b_data = b_object.data
-    key = key_of(b_data, b_object.name)
     session = _sessions.pop(b_data.session_uid, None)
-    if session is None or not session.is_of(b_data, key):
+    if session is None or not session.is_of(b_data):
         session = None  # before the new one is made: one of them is large enough
         chosen = editing_device(device, progress)
-        session = EditSession(b_data, b_object.name, chosen)
+        if is_linked(b_data):
+            from .linked_session import LinkedSession  # imports Warp
+
+            session = LinkedSession(b_data, b_object.name, chosen, progress)
+        else:
+            session = EditSession(b_data, b_object.name, chosen)
     _sessions[b_data.session_uid] = session
     while len(_sessions) > MOST_SESSIONS:
         _sessions.pop(next(iter(_sessions)))
@@ -182,8 +213,6 @@ def check_editable(b_object: Any) -> None:
     if b_object is None or not is_capture(b_object.data):
         name = "Edit Splats" if b_object is None else b_object.name
         raise StippleError(f"{name}: this is no capture; make an imported capture the active object.")
-    if is_linked(b_object.data):
-        raise StippleError(f"{b_object.name}: its splats stay in their file; import the file to edit them.")
     if plays(b_object):
         raise StippleError(f"{b_object.name}: it plays a sequence of files; turn the sequence off to edit its splats.")
     if not b_object.data.is_editable:
@@ -211,35 +240,3 @@ def register() -> None:
 def unregister() -> None:
     bpy.app.handlers.load_pre.remove(_free_before_load)
     free()
-
-
-@dataclass(frozen=True)
-class Preview:
-    """What a modal operator shows before it is written."""
-
-    cloud: SplatCloud
-    states: SplatStates
-
-
-_previews: dict[int, Preview] = {}  # by session_uid of the datablock
-
-
-def show_preview(b_data: Any, session: EditSession) -> None:
-    """Lets viewports show a session's splats in place of the datablock's."""
-    _previews[b_data.session_uid] = Preview(session.snapshot(), SplatStates(session.states().copy()))
-
-
-def end_preview(b_data: Any) -> None:
-    _previews.pop(b_data.session_uid, None)
-
-
-def preview_of(b_object: Any) -> Preview | None:
-    """What to show in place of an evaluated object's data, if anything; never of what modifiers have changed."""
-    if not _previews or len(b_object.modifiers):
-        return None
-    return _previews.get(b_object.original.data.session_uid)
-
-
-def shown_previews() -> tuple[int, ...]:
-    """Changes whenever a preview does."""
-    return tuple(map(id, _previews.values()))

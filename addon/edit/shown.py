@@ -1,40 +1,64 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which flags of an edit a picture shows: deleted splats are in none, hidden and selected ones count while editing."""
+"""What an edited capture shows: deleted splats are in no picture, hidden and selected ones count while editing.
+
+Edits of a linked capture are found and applied here, too.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ...engine.capture_file import CaptureFile
 from ...engine.edit.state_bits import DELETED, HIDDEN, LOCKED, SELECTED
-from ...engine.scene import SplatStates
+from ...engine.scene import Instance, SplatStates
 from ..linked_capture import is_linked
+from ..linked_edits import edited_capture, found_edits
 from ..sequence import plays
 from ..splat_data import states_of, usable_rows
 from .mode import MARK
+from .preview import preview_of
+
+Shown = tuple[tuple[Instance, ...], str]
+"""What stands for an instance, and a notice for the user; "" for none."""
 
 
-def states_in_render(b_object: Any, dropped: int) -> SplatStates | None:
-    """The flags of an evaluated capture for a final render; `dropped` of its splats were left out of the cloud."""
-    return _states(b_object, dropped, DELETED)
+def shown_in_render(instance: Instance, b_object: Any, dropped: int) -> Shown:
+    """An instance of an evaluated capture as a final render has it; `dropped` splats were left out of its cloud.
+
+    Raises StippleError where the edits of a linked capture cannot be had: without them it is another picture.
+    """
+    return _shown(instance, b_object, dropped, DELETED)
 
 
-def states_in_viewport(b_object: Any, dropped: int, b_scene: Any) -> SplatStates | None:
-    """As `states_in_render` for viewports, where what is edited shows what is hidden and selected."""
+def shown_in_viewport(instance: Instance, b_object: Any, dropped: int, b_scene: Any) -> Shown:
+    """As `shown_in_render` for viewports, where what is edited shows what is hidden and selected, and what a modal
+    operator has not written yet."""
     seen = DELETED
     if getattr(b_object.original, MARK):
         seen |= HIDDEN | LOCKED
         if b_scene.stipple_edit.show_highlight:
             seen |= SELECTED
-    return _states(b_object, dropped, seen)
+    preview = preview_of(b_object)
+    if preview is not None:
+        return preview.instances(instance, seen), ""
+    return _shown(instance, b_object, dropped, seen)
 
 
-def _states(b_object: Any, dropped: int, seen: int) -> SplatStates | None:
+def _shown(instance: Instance, b_object: Any, dropped: int, seen: int) -> Shown:
+    if plays(b_object):
+        return (instance,), ""
+    if is_linked(b_object.data):
+        found = found_edits(b_object.data, b_object.name) if isinstance(instance.cloud, CaptureFile) else None
+        if found is None or not isinstance(instance.cloud, CaptureFile):
+            return (instance,), ""
+        return edited_capture(instance.cloud, found.edits).instances(instance, seen), found.notice
     states = states_of(b_object.data)
-    if states is None or is_linked(b_object.data) or plays(b_object):  # these show other splats than the points
-        return None
+    if states is None:
+        return (instance,), ""
     states &= np.uint32(seen)
     if dropped:
         states = states[usable_rows(b_object.data, b_object.name)]
-    return SplatStates(states) if states.any() else None
+    return (replace(instance, states=SplatStates(states) if states.any() else None),), ""

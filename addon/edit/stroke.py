@@ -12,7 +12,8 @@ from ..view_camera import view_of
 from .mode import Reported, edited_object
 from .operator import redraw, session_in
 from .overlay import Overlay, draw_circle
-from .session import EditSession, end_preview, show_preview
+from .preview import end_preview, show_preview
+from .session import EditSession
 
 if TYPE_CHECKING:
     from ...engine.edit.step import Step

@@ -9,6 +9,9 @@ import bpy
 import numpy as np
 
 from ...engine.edit.state_bits import DELETED, HIDDEN, LOCKED, SELECTED
+from ...engine.errors import StippleError
+from ..linked_capture import is_linked
+from ..linked_edits import found_edits
 from ..splat_data import splat_count_of, states_of
 from .mode import STIPPLE_OT_edit_mode_toggle, edited_object
 
@@ -145,6 +148,8 @@ class VIEW3D_PT_stipple_clean_up(SplatPanel, bpy.types.Panel):
 
 def counts(b_data: Any) -> dict[str, int]:
     """How many splats are what, for the panel."""
+    if is_linked(b_data):
+        return _without_zeros(_counts_in_file(b_data))
     states = states_of(b_data)
     if states is None:
         return {"Splats": splat_count_of(b_data), "Selected": 0}
@@ -156,6 +161,23 @@ def counts(b_data: Any) -> dict[str, int]:
         "Locked": int(np.count_nonzero(kept & LOCKED)),
         "Deleted": len(states) - len(kept),
     }
+    return _without_zeros(found)
+
+
+def _counts_in_file(b_data: Any) -> dict[str, int]:
+    try:
+        found = found_edits(b_data, b_data.name)
+    except StippleError:  # which the panel of the linked capture tells
+        found = None
+    count = b_data.stipple_capture.splat_count
+    if found is None:
+        return {"Splats": count, "Selected": 0}
+    counted = found.edits.counts
+    flags = {name.title(): counted[name] for name in ("selected", "hidden", "locked", "deleted")}
+    return {"Splats": count - counted["deleted"], **flags}
+
+
+def _without_zeros(found: dict[str, int]) -> dict[str, int]:
     return {name: count for name, count in found.items() if count or name in {"Splats", "Selected"}}
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bpy.app.handlers import persistent
 
 from ...engine.camera import Camera
-from ...engine.scene import Instance, Scene, SplatStates
+from ...engine.scene import Instance, Scene
 from .. import sync
 from .operator import world_from_object
 from .session import EditSession, editing_device
@@ -26,9 +26,7 @@ _renderers: dict[str, Renderer] = {}  # by device; at most one
 
 def visible_mask(context: Any, session: EditSession, camera: Camera) -> Mask:
     """The splats of the edited capture of which the camera sees something."""
-    from ...engine.edit.match_visible import match_visible
-
-    return match_visible(session.cloud, camera, _renderer(context, "points"), world_from_object(context))
+    return session.visible(camera, _renderer(context, "points"), world_from_object(context))
 
 
 class Picker:
@@ -40,8 +38,7 @@ class Picker:
     @classmethod
     def of_session(cls, context: Any, session: EditSession, camera: Camera) -> Picker:
         """Of the edited capture alone."""
-        states = SplatStates(session.states().copy())
-        return cls(context, (Instance(session.snapshot(), world_from_object(context), states=states),), camera)
+        return cls(context, session.instances(world_from_object(context)), camera)
 
     def pick(self, x: float, y: float) -> Pick | None:
         """The splat seen at a pixel from the bottom left; None where nothing is, or outside the view."""

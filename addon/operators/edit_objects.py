@@ -16,6 +16,7 @@ from ..edit.mode import Reported, edited_object
 from ..edit.operator import SplatOperator, busy, redraw, session_in
 from ..edit.pairs import PairsOperator
 from ..edit.session import check_editable, session_of
+from ..linked_capture import is_linked
 from ..point_rows import check_points_only
 from ..splat_data import POINT_TYPES, cloud_from_datablock, datablock_from_cloud, is_capture
 
@@ -31,6 +32,7 @@ class STIPPLE_OT_separate(SplatOperator, bpy.types.Operator):
 
         with Reported(self):
             b_object, session = edited_object(context), session_in(context)
+            session.check_new_splats(self.bl_label)
             cloud, step = separate(session.cloud, b_object.name)
             b_data = datablock_from_cloud(cloud, b_object.name)
             try:
@@ -94,6 +96,8 @@ class STIPPLE_OT_join(bpy.types.Operator):
         for b_object in [b_active, *b_others]:
             if b_object.type not in POINT_TYPES or not is_capture(b_object.data):
                 raise StippleError(f"{b_object.name}: this is no capture; select captures only to join them.")
+            if is_linked(b_object.data):
+                raise StippleError(f"{b_object.name}: its splats stay in their file; import the file to join it.")
         check_editable(b_active)
         check_points_only(b_active.data, b_active.name)
         for b_other in b_others:

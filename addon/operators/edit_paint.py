@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -139,6 +140,7 @@ class STIPPLE_OT_clone(BallStroke, bpy.types.Operator):
         from ...engine.edit import affine
         from ...engine.edit.duplicate import CloneStroke
 
+        session.check_new_splats(self.bl_label)
         offset = np.array(self.stroke[0].location) - np.array(self.source)
         return CloneStroke(session.cloud, affine.translation(offset), world_from_object(context))
 
@@ -169,11 +171,13 @@ class STIPPLE_OT_clone_source(SplatOperator, bpy.types.Operator):
 
 
 def pick_under(context: Any, event: Any) -> Any:
-    """The splat of the edited capture that is seen under the cursor; None where there is none."""
+    """The splat of the edited capture that is seen under the cursor, by its number there; None where there is none."""
     from ..view_camera import view_of
 
-    picker = Picker.of_session(context, session_in(context), view_of(context, context.scene).camera())
-    return picker.pick(event.mouse_region_x, event.mouse_region_y)
+    session = session_in(context)
+    picker = Picker.of_session(context, session, view_of(context, context.scene).camera())
+    found = picker.pick(event.mouse_region_x, event.mouse_region_y)
+    return found and replace(found, splat=session.splat_of(found))
 
 
 CLASSES = (StippleDab, STIPPLE_OT_paint, STIPPLE_OT_clone, STIPPLE_OT_clone_source)

@@ -98,7 +98,7 @@ class STIPPLE_OT_select_color(MatchOperator, bpy.types.Operator):
 
 def base_colours(session: EditSession) -> np.ndarray:
     """Colours without view dependence (N, 3), sRGB-encoded."""
-    return 0.5 + SH_C0 * session.snapshot().sh_dc
+    return 0.5 + SH_C0 * session.cloud.host("sh_dc")
 
 
 CLASSES = (STIPPLE_OT_select_linked, STIPPLE_OT_select_color)

@@ -111,6 +111,7 @@ class STIPPLE_OT_duplicate(SplatOperator, bpy.types.Operator):
     def step(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.duplicate import duplicate
 
+        session.check_new_splats(self.bl_label)
         return duplicate(session.cloud)
 
     def sources(self, session: EditSession) -> np.ndarray:

@@ -15,6 +15,7 @@ from ...engine.edit.state_bits import DELETED, SELECTED
 from ...engine.errors import StippleError
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from ..edit.mode import Reported
+from ..linked_capture import is_linked
 from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, states_of, usable_rows
 
 CONTENTS = (
@@ -65,6 +66,10 @@ class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
 
     def _cloud_of(self, b_object: Any) -> SplatCloud | None:
         """What is written of an object; None where that is nothing. Raises StippleError for broken attributes."""
+        if is_linked(b_object.data):
+            raise StippleError(
+                f"{b_object.name}: its splats stay in their file; use Linked Capture > Apply to Copy to write them."
+            )
         cloud, dropped = cloud_from_datablock(b_object.data, b_object.name)
         if cloud is None:
             return None

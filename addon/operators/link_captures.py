@@ -44,7 +44,7 @@ def _survey(context: Any, path: Path) -> tuple[CaptureFile, Survey, tuple[str, .
     return capture, survey, survey.dropped.warnings(capture.path, capture.splat_count)
 
 
-class _OnLinkedCapture:
+class OnLinkedCapture:
     """Operators on the active object where it is a linked capture."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
@@ -82,7 +82,7 @@ class _OnLinkedCapture:
         return False
 
 
-class OBJECT_OT_stipple_relink_capture(_OnLinkedCapture, bpy.types.Operator):
+class OBJECT_OT_stipple_relink_capture(OnLinkedCapture, bpy.types.Operator):
     """Choose the file of a linked capture anew. Others that are missing are looked for in the same folder"""
 
     bl_idname = "object.stipple_relink_capture"
@@ -111,7 +111,7 @@ class OBJECT_OT_stipple_relink_capture(_OnLinkedCapture, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class OBJECT_OT_stipple_reload_capture(_OnLinkedCapture, bpy.types.Operator):
+class OBJECT_OT_stipple_reload_capture(OnLinkedCapture, bpy.types.Operator):
     """Read a linked capture's file again: its points, bounds and counts"""
 
     bl_idname = "object.stipple_reload_capture"

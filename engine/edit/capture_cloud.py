@@ -204,6 +204,15 @@ class CaptureCloud(EditableCloud):
         values = self.array("opacity").numpy()[rows]
         return edits.with_values("opacity_rows", rows, values, values == self.array("base_opacity").numpy()[rows])
 
+    def source_at(self, place: int) -> int:
+        """The number in the file of the splat at a place on the device."""
+        return int(np.flatnonzero(self._order.numpy() == place)[0])
+
+    def from_places(self, hits: wp.array) -> npt.NDArray[np.uint8]:
+        """Bytes per place on the device as bytes per splat of the file, on the host."""
+        found: npt.NDArray[np.uint8] = hits.numpy()[self._order.numpy()]
+        return found
+
     def to_device_cloud(self) -> DeviceCloud:
         """Its splats in full precision, without bounds; for clouds of some rows."""
         cloud = empty_cloud(self.splat_count, self._packed.sh_degree)

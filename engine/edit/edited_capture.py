@@ -94,7 +94,7 @@ class EditedCapture:
         if seen not in self._states:
             words, changed = self.edits.states() & np.uint32(seen), self.edits.changed_rows
             of_rows = words[changed]
-            words[changed] |= np.uint32(HIDDEN)
+            words[changed] = HIDDEN
             in_file, in_rows = (SplatStates(part) if part.any() else None for part in (words, of_rows))
             self._states[seen] = in_file, in_rows
         return self._states[seen]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+import warp as wp
 
 from ..camera import Camera
 from ..film import Film
@@ -22,8 +23,9 @@ from ..settings import Settings
 from ..splats import SplatCloud
 from ..timing import StageTimer
 from .affine import checked
+from .capture_cloud import CaptureCloud
 from .editable_cloud import EditableCloud
-from .mask import Mask, mask_from_hits
+from .mask import Mask, mask_from_hits, mask_from_numpy
 from .state import DELETED, HIDDEN
 
 
@@ -43,16 +45,43 @@ def match_visible(
     """
     shown = Instance(shown_shapes(cloud), checked(world_from_object, "world_from_object"))
     settings = Settings(method="points", samples=samples, seed=seed, sh_degree=0, storage="full")
-    shot = renderer.shot(Scene((shown, *others)), camera, settings, StageTimer(renderer.device))
+    hits = cloud.hits()
+    _mark_seen(Scene((shown, *others)), camera, renderer, settings, [hits])
+    return mask_from_hits(hits, cloud.splat_count)
+
+
+def match_visible_in_file(
+    cloud: CaptureCloud,
+    instances: tuple[Instance, ...],
+    camera: Camera,
+    renderer: Renderer,
+    samples: int = 4,
+    seed: int = 0,
+) -> Mask:
+    """As `match_visible`, of a capture that stays in its file; `instances` are those of its `EditedCapture`."""
+    settings = Settings(method="points", samples=samples, seed=seed, sh_degree=0)
+    scene = Scene(instances)
+    clouds = renderer.device_clouds(scene, settings.storage, lambda fraction, text: None)
+    hits = [wp.empty(on_device.splat_count, dtype=wp.uint8, device=cloud.device) for on_device in clouds]
+    _mark_seen(scene, camera, renderer, settings, hits)
+    seen = cloud.from_places(hits[0])
+    if len(hits) > 1:
+        seen[cloud.edits.changed_rows] = hits[1].numpy()
+    return mask_from_numpy(seen != 0, cloud.device)
+
+
+def _mark_seen(scene: Scene, camera: Camera, renderer: Renderer, settings: Settings, hits: Sequence[wp.array]) -> None:
+    """Fill `hits`, one array for each of the first instances, with whether a splat was seen."""
+    shot = renderer.shot(scene, camera, settings, StageTimer(renderer.device))
     frame = PointsFrame(shot)
     _, _, width, height = camera.rendered_window
     film = Film(width, height, renderer.buffers)
-    hits = cloud.hits()
-    hits.zero_()
-    for sample in range(samples):
+    for array in hits:
+        array.zero_()
+    for sample in range(settings.samples):
         frame.render_sample(sample, film, _go_on)
-        frame.mark_seen(0, film, hits)
-    return mask_from_hits(hits, cloud.splat_count)
+        for instance, array in enumerate(hits):
+            frame.mark_seen(instance, film, array)
 
 
 def shown_shapes(cloud: EditableCloud) -> SplatCloud:

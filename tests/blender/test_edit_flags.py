@@ -14,9 +14,10 @@ from stipple.addon.edit import session as sessions
 from stipple.addon.residency import CloudCache
 from stipple.addon.splat_data import STATE, states_of
 from stipple.engine.edit.state import DELETED, HIDDEN, LOCKED, SELECTED
+from stipple.engine.scene import Instance
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
-from .editing import activate, edited, every_byte, flags, positions, refused
+from .editing import activate, cloud_of, edited, every_byte, flags, positions, refused
 
 pytestmark = pytest.mark.blender
 
@@ -158,10 +159,12 @@ def test_viewports_show_flags_only_while_editing() -> None:
 
     def instance() -> object:
         depsgraph.update()
-        from stipple.addon.edit.shown import states_in_viewport
+        from stipple.addon.edit.shown import shown_in_viewport
 
         b_evaluated = b_object.evaluated_get(depsgraph)
-        return states_in_viewport(b_evaluated, 0, depsgraph.scene)
+        ((shown,), notice) = shown_in_viewport(Instance(cloud_of(b_object)), b_evaluated, 0, depsgraph.scene)
+        assert notice == ""
+        return shown.states
 
     assert np.array_equal(instance().words == SELECTED, flags(b_object, SELECTED))
     bpy.context.scene.stipple_edit.show_highlight = False

@@ -17,7 +17,7 @@ from stipple.addon.edit.drag import number_of
 from stipple.engine.edit.state import DELETED, SELECTED
 from stipple.engine.edit.transform import transform_cloud
 
-from .captures import add_camera, add_capture, assert_same_cloud, random_cloud, render, use_stipple, write_ply
+from .captures import add_camera, add_capture, assert_same_cloud, random_cloud, render, use_stipple
 from .editing import activate, assert_close, cloud_of, edited, every_byte, flags, part, positions, refused
 
 pytestmark = pytest.mark.blender
@@ -223,10 +223,3 @@ def test_out_of_memory_in_the_middle_of_writing(call: str, attribute: str, monke
     assert failed and every_byte(b_object.data) == before and "Other" in bpy.data.objects
     assert getattr(bpy.ops.stipple, call)(**options) == {"FINISHED"}
     assert every_byte(b_object.data) != before
-
-
-def test_captures_that_are_not_in_the_file_are_refused(tmp_path: Path) -> None:
-    path = write_ply(tmp_path / "capture.ply", random_cloud())
-    bpy.ops.import_scene.splats(filepath=str(path), link=True)
-    with refused("import the file"):
-        bpy.ops.stipple.edit_mode_toggle()

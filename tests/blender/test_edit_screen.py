@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stipple.addon.camera import camera_from_blender
-from stipple.addon.edit import session as sessions
+from stipple.addon.edit import preview as previews
 from stipple.addon.edit.operator import session_in
 from stipple.addon.edit.visible import Picker
 from stipple.addon.splat_data import cloud_from_datablock
@@ -163,18 +163,18 @@ def test_a_preview_is_shown_in_place_of_the_data_until_it_ends() -> None:
     bpy.ops.stipple.select_all(action="SELECT")
     before, session = every_byte(b_object.data), session_in(bpy.context)
     b_evaluated = b_object.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    assert sessions.preview_of(b_evaluated) is None
+    assert previews.preview_of(b_evaluated) is None
     drag, shown = TransformDrag(session.cloud), []
     for step in (1, 2):
         drag.update(translation((step, 0, 0)))
-        sessions.show_preview(b_object.data, session)
-        preview = sessions.preview_of(b_evaluated)
+        previews.show_preview(b_object.data, session)
+        preview = previews.preview_of(b_evaluated)
         assert np.allclose(preview.cloud.position, positions(b_object) + np.float32([step, 0, 0]), atol=1e-6)
         assert (preview.states.words == SELECTED).all()
-        shown.append(sessions.shown_previews())
+        shown.append(previews.shown_previews())
     assert shown[0] != shown[1]
     drag.cancel()
-    sessions.end_preview(b_object.data)
-    assert sessions.preview_of(b_evaluated) is None and every_byte(b_object.data) == before
+    previews.end_preview(b_object.data)
+    assert previews.preview_of(b_evaluated) is None and every_byte(b_object.data) == before
     bpy.ops.stipple.delete()
     assert np.allclose(session_in(bpy.context).snapshot().position, positions(b_object))

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Writes the edits of linked captures beside the .blend whenever that is saved, before it is.
+
+`shot.blend` with a datablock `garden` gets `shot.garden.edits.npz`; of what was there before, one copy stays, as
+Blender keeps a `.blend1`. Saving under another name or in another folder writes the files there, too. Edits that
+cannot be read are not replaced: their file is copied along as it is. Nothing can stop Blender from saving, so what goes
+wrong is said in the console and in the panel *Linked Capture*.
+"""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..engine.edit.edits_file import SUFFIX, write_edits
+from ..engine.errors import StippleError
+from ..engine.formats.atomic_file import replacing
+from .linked_capture import path_of
+from .linked_edits import BACKUP, edits_path, found_edits, has_edits, holds, linked_data, note_file
+
+problems: dict[int, str] = {}
+"""What kept edits from being written, by session_uid of the datablock."""
+
+log = logging.getLogger(__package__)
+
+
+def write_beside(blend: Path) -> None:
+    """Writes the edits of every linked capture for a .blend that is about to be saved there."""
+    problems.clear()
+    taken: set[str] = set()
+    for b_data in linked_data():
+        if b_data.library is None and has_edits(b_data):
+            target = blend.with_name(_free_name(f"{blend.stem}.{bpy.path.clean_name(b_data.name)}", taken))
+            try:
+                _write(b_data, target)
+            except StippleError as error:
+                problems[b_data.session_uid] = str(error)
+                log.error("The edits of %s were not saved: %s", b_data.name, error)
+            else:
+                b_data.stipple_capture.edits_file = target.name
+
+
+def _free_name(stem: str, taken: set[str]) -> str:
+    """Two datablocks may have one name once it is a file's; disks may not tell large letters from small ones."""
+    name, number = f"{stem}{SUFFIX}", 0
+    while name.lower() in taken:
+        number += 1
+        name = f"{stem}.{number:03d}{SUFFIX}"
+    taken.add(name.lower())
+    return name
+
+
+def _write(b_data: Any, target: Path) -> None:
+    before = edits_path(b_data)
+    try:
+        found = found_edits(b_data, b_data.name)
+    except StippleError:
+        if before is None or not before.is_file():
+            raise
+        if before != target:
+            _copy(before, target)
+        return
+    if found is None:
+        return
+    b_data.stipple_capture.edits = found.edits.token  # another one where the file had been changed
+    if holds(target, found.edits.token):
+        return
+    if target.is_file() and bpy.context.preferences.filepaths.save_version:
+        with suppress(StippleError):  # a backup that cannot be had is no reason not to save
+            _copy(target, target.with_name(target.name + BACKUP))
+    path = path_of(b_data)
+    write_edits(target, found.edits, path.name if path else b_data.name, b_data.stipple_capture.sh_degree)
+    note_file(target, found.edits)
+
+
+def _copy(source: Path, target: Path) -> None:
+    try:
+        data = source.read_bytes()
+    except OSError as error:
+        raise StippleError(f"{source}: it cannot be read ({error.strerror}).") from error
+    with replacing(target) as file:
+        file.write(data)
+
+
+@persistent
+def _before_saving(path: str = "", *_: object) -> None:
+    blend = path or bpy.data.filepath
+    if blend:  # else the startup file
+        write_beside(Path(bpy.path.abspath(blend)))
+
+
+def register() -> None:
+    bpy.app.handlers.save_pre.append(_before_saving)
+
+
+def unregister() -> None:
+    bpy.app.handlers.save_pre.remove(_before_saving)
+    problems.clear()

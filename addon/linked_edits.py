@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edits of linked captures: a token in the datablock, the edits in memory, a file beside the .blend when that is saved.
+
+`data.stipple_capture.edits` is a hash of the edits, and all that Blender's undo sees of them. What a token stands for
+is kept here for as many steps as Blender can undo, for a state of an edit is small and shares what did not change with
+the one before. Saving the .blend writes the edits of every linked capture in it first (`edits_beside_blend`), so that
+the token in the .blend always has its file.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..engine.capture_file import CaptureFile
+from ..engine.edit.capture_edits import CaptureEdits
+from ..engine.edit.edited_capture import EditedCapture, same_values
+from ..engine.edit.edits_file import read_edits
+from ..engine.errors import StippleError
+
+BACKUP = "1"  # what the file of the save before ends with, as Blender's .blend1 does
+FEWEST_KEPT = 64
+MOST_SHOWN = 8
+
+
+@dataclass(frozen=True)
+class FoundEdits:
+    """The edits of a datablock, and what the user should know about them; "" for nothing."""
+
+    edits: CaptureEdits
+    notice: str = ""
+
+
+Stamp = tuple[int, int]  # size and date of a file
+
+_kept: dict[str, CaptureEdits] = {}  # by token, the one used last at the end
+_files: dict[Path, tuple[Stamp, CaptureEdits]] = {}  # what files were found to hold
+_shown: list[EditedCapture] = []  # the one used last at the end
+
+
+def has_edits(b_data: Any) -> bool:
+    """Whether a linked datablock is edited, or was when the .blend was saved."""
+    return bool(b_data.stipple_capture.edits)
+
+
+def put_edits(b_data: Any, edits: CaptureEdits) -> None:
+    """Makes these the edits of a datablock. Undo brings the ones before back."""
+    keep(edits)
+    b_data.stipple_capture.edits = "" if edits.is_empty else edits.token
+    b_data.update_tag()
+
+
+def discard_edits(b_data: Any) -> None:
+    """Shows the capture as its file has it; a file of edits stays where it is. Undo brings the edits back."""
+    b_data.stipple_capture.edits = ""
+    b_data.update_tag()
+
+
+def found_edits(b_data: Any, name: str) -> FoundEdits | None:
+    """The edits of a linked datablock, original or evaluated, from memory or from their file; None without any.
+
+    Where the file holds another state of the edits than the .blend was saved with, that is taken, with a notice.
+    Raises StippleError where there is no such file or it is damaged.
+    """
+    token = b_data.stipple_capture.edits
+    if not token:
+        return None
+    if token in _kept:
+        keep(_kept[token])
+        return FoundEdits(_kept[token])
+    path = edits_path(b_data)
+    if path is None:
+        raise StippleError(f"{name}: its edits were not saved with the .blend file; undo, or discard the edits.")
+    edits = _stored(path, token)
+    keep(edits)
+    if edits.token == token:
+        return FoundEdits(edits)
+    return FoundEdits(edits, f"{name}: {path.name} holds other edits than the .blend was saved with; they are shown.")
+
+
+def edited_capture(capture: CaptureFile, edits: CaptureEdits) -> EditedCapture:
+    """The same object for the same edits, and the same edited splats where only flags differ, so that each is uploaded
+    once. Raises StippleError where the edits are of a file of other content."""
+    alike = None
+    for known in reversed(_shown):
+        if known.capture is capture and known.edits.token == edits.token:
+            _shown.remove(known)
+            _shown.append(known)
+            return known
+        if alike is None and known.capture is capture and same_values(known.edits, edits):
+            alike = known.rows
+    edited = EditedCapture(capture, edits, alike)
+    _shown.append(edited)
+    linked_count = sum(1 for b_data in linked_data() if has_edits(b_data))
+    del _shown[: -max(MOST_SHOWN, 2 * linked_count)]
+    return edited
+
+
+def keep(edits: CaptureEdits) -> None:
+    """Remembers what a token stands for, and forgets what no undo can ask for any more."""
+    _kept.pop(edits.token, None)
+    _kept[edits.token] = edits
+    most = max(FEWEST_KEPT, 2 * bpy.context.preferences.edit.undo_steps)
+    if len(_kept) > most:
+        used = {b_data.stipple_capture.edits for b_data in linked_data()}
+        for token in [token for token in list(_kept)[:-most] if token not in used]:
+            del _kept[token]
+
+
+def linked_data() -> list[Any]:
+    """Every datablock of this .blend that stands for a file."""
+    b_datas = [*bpy.data.pointclouds, *bpy.data.meshes]
+    return [b_data for b_data in b_datas if b_data.stipple_capture.fingerprint]
+
+
+def edits_path(b_data: Any) -> Path | None:
+    """Where the edits were written when the .blend was saved, which may have been moved since; None before that."""
+    name, library = b_data.stipple_capture.edits_file, b_data.library
+    blend = bpy.path.abspath(library.filepath) if library is not None else bpy.data.filepath
+    return Path(blend).parent / name if name and blend else None
+
+
+def note_file(path: Path, edits: CaptureEdits) -> None:
+    """Remembers what a file holds that was just written."""
+    _files[path] = (_stamp(path), edits)
+
+
+def holds(path: Path, token: str) -> bool:
+    """Whether a file is known to hold these edits, as far as its size and date tell."""
+    known = _files.get(path)
+    return known is not None and path.is_file() and known[0] == _stamp(path) and known[1].token == token
+
+
+def _stored(path: Path, token: str) -> CaptureEdits:
+    """What the file holds, or the one of the save before where only that has the edits that were asked for."""
+    earlier = path.with_name(path.name + BACKUP)
+    try:
+        edits = _read(path)
+        if edits.token == token:
+            return edits
+    except StippleError:
+        edits = None  # worth an error only if there is no other
+    with suppress(StippleError):
+        if _read(earlier).token == token:
+            return _read(earlier)
+    return edits or _read(path)
+
+
+def _read(path: Path) -> CaptureEdits:
+    stamp = _stamp(path) if path.is_file() else (0, 0)
+    if path not in _files or _files[path][0] != stamp:
+        try:
+            _files[path] = (stamp, read_edits(path))
+        except StippleError:
+            _files.pop(path, None)
+            raise
+    return _files[path][1]
+
+
+def _stamp(path: Path) -> Stamp:
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+def free() -> None:
+    _kept.clear()
+    _files.clear()
+    _shown.clear()
+
+
+@persistent
+def _free_before_load(*_: object) -> None:
+    free()
+
+
+def register() -> None:
+    bpy.app.handlers.load_pre.append(_free_before_load)
+
+
+def unregister() -> None:
+    bpy.app.handlers.load_pre.remove(_free_before_load)
+    free()
