@@ -19,6 +19,7 @@ from .device import launch
 
 wp.set_module_options({"enable_backward": False})
 
+NOTHING = wp.vec4(0.0, 0.0, 0.0, 0.0)
 
 # What a pixel takes [bytes]: sums, their mean, and the host's copy of that.
 BYTES_PER_PIXEL = {"film_colour": 32, "film_depth": 8, "film_rgba": 16, "film_mean_depth": 4, "host copy": 20}
@@ -64,6 +65,12 @@ class FilmSums:
     depth: wp.array(dtype=wp.float64)  # depth times coverage
 
 
+@wp.func
+def over(front: wp.vec4, background: wp.vec4) -> wp.vec4:
+    """Both premultiplied."""
+    return front + (1.0 - front[3]) * background
+
+
 @wp.kernel
 def resolve_film_kernel(
     first: wp.int32,
@@ -79,7 +86,17 @@ def resolve_film_kernel(
     depth[pixel] = wp.where(colour[3] > wp.float64(0.0), wp.float32(sums.depth[pixel] / samples / colour[3]), wp.inf)
     if behind.shape[0] > 0:
         background = behind[pixel]
-    rgba[pixel] = wp.vec4(colour) + (1.0 - float(colour[3])) * background
+    rgba[pixel] = over(wp.vec4(colour), background)
+
+
+@wp.kernel
+def put_over_kernel(
+    first: wp.int32, background: wp.vec4, behind: wp.array(dtype=wp.vec4), rgba: wp.array(dtype=wp.vec4)
+) -> None:
+    pixel = first + wp.tid()
+    if behind.shape[0] > 0:
+        background = behind[pixel]
+    rgba[pixel] = over(rgba[pixel], background)
 
 
 class Film:
@@ -107,16 +124,17 @@ class Film:
         """The mean so far over `background`. May be called at any time.
 
         `background` is a colour or an array of (r, g, b, 1) per pixel, sRGB-encoded; None leaves it transparent.
-        `finish` may change the picture's rgba and depth on the device before they are read back.
+        `finish` may change what the splats are, rgba without the background and depth, on the device.
         """
         count = self.width * self.height
         rgba, depth = self._rgba, self._mean_depth
-        colour = wp.vec4(*background, 1.0) if isinstance(background, tuple) else wp.vec4(0.0, 0.0, 0.0, 0.0)
+        colour = wp.vec4(*background, 1.0) if isinstance(background, tuple) else NOTHING
         behind = background if isinstance(background, wp.array) else None
-        inputs = [self.sums, float(max(self.samples, 1)), colour, behind, rgba, depth]
-        launch(resolve_film_kernel, count, inputs, self.device)
+        ground = [colour, behind] if finish is None else [NOTHING, None]
+        launch(resolve_film_kernel, count, [self.sums, float(max(self.samples, 1)), *ground, rgba, depth], self.device)
         if finish is not None:
             finish(rgba, depth)
+            launch(put_over_kernel, count, [colour, behind, rgba], self.device)
         return Picture(
             # Copies: the buffers are written again by the next frame.
             rgba=np.array(rgba.numpy().reshape(self.height, self.width, 4)),

@@ -5,6 +5,9 @@ Each pixel's place in space is looked up in the picture before (Yang et al. 2020
 Techniques*, Eq. 1), that colour is clamped to the box of the 3×3 pixels around in the new picture, and enters with a
 weight of 0.9. Good for looking around; it smears fine detail and leaves ghosts, so final frames never use it.
 
+Only splats are carried over, premultiplied, and then put over the new view's background: an image around the scene has
+no noise, and looking it up in one picture after the other would only blur it.
+
 Where we differ: depth is the mean of what a pixel sees, not the least over its subpixels (the same for one subpixel);
 where nothing is seen the direction is looked up. Pixels that the picture before does not show take the new colour.
 """
@@ -133,13 +136,13 @@ def reproject_kernel(
 
 
 class History:
-    """The last picture that was shown and the camera it was seen with."""
+    """The splats of the last picture that was shown, and the camera they were seen with."""
 
     def __init__(self) -> None:
         self._camera: Camera | None = None
 
     def mix(self, rgba: wp.array, depth: wp.array, camera: Camera, buffers: Buffers) -> None:
-        """Mix the last picture into `rgba` (premultiplied, as resolved), and remember the result.
+        """Mix the last picture into `rgba` (premultiplied, without a background), and remember the result.
 
         `depth` is along z [world units], +inf where nothing is seen. A first picture stays as it is.
         """

@@ -15,7 +15,7 @@ from stipple.engine.device import choose_device
 from stipple.engine.film import Picture
 from stipple.engine.renderer import Renderer
 from stipple.engine.reprojection import History, move_between
-from stipple.engine.scene import Scene
+from stipple.engine.scene import Environment, EnvironmentImage, Scene
 from stipple.engine.settings import Settings
 from tests.scenes import front_camera, random_cloud, scene_of
 
@@ -68,6 +68,46 @@ def test_a_cut_to_something_else_leaves_no_ghost(fresh: Renderer) -> None:
     fresh.render(scene_of(random_cloud(500, 2), background=(1.0, 1.0, 1.0)), camera, LIVE)
     dark = fresh.render(scene_of(random_cloud(5, 3, opacity=(0.0, 1e-3)), background=(0.1, 0.1, 0.1)), camera, LIVE)
     np.testing.assert_allclose(dark.rgba[..., :3], 0.1, atol=1e-6)
+
+
+def checkered() -> Environment:
+    """Black and white squares of about 3 px as the moving camera sees them: nothing blurs more visibly."""
+    down, around = np.mgrid[0:180, 0:360]
+    squares = ((down + around) % 2)[..., None] * np.ones(3)
+    ahead = ((0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, -1.0, 0.0, 0.0))  # the horizon, not the zenith
+    return Environment(EnvironmentImage(np.ascontiguousarray(squares, np.float32)), ahead)
+
+
+def turning(frames: int) -> list[Camera]:
+    """On the spot, 1.3 px a frame: by no whole number of pixels, so that every look-up is between four."""
+    camera = front_camera(160, 120, fx=150.0, fy=150.0)
+    angles = 1.3 / 150.0 * np.arange(frames)
+    return [replace(camera, camera_from_world=look_at((0, 0, 0), (np.sin(a), 0.0, np.cos(a)))) for a in angles]
+
+
+def test_an_image_around_the_scene_stays_as_sharp_as_it_is(fresh: Renderer) -> None:
+    """Where no splat is, a picture after twelve others holds the bits that it has alone."""
+    cloud = random_cloud(20, 4, sigma_px=(1.0, 3.0))
+    with_image, splats = scene_of(cloud, background=checkered()), scene_of(cloud)
+    for k, camera in enumerate(turning(13)):
+        live = fresh.render(with_image, camera, replace(LIVE, seed=k))
+    alone = fresh.render(with_image, camera, replace(LIVE, seed=k, reprojection=False))
+    covered = fresh.render(splats, camera, replace(LIVE, seed=k, reprojection=False)).rgba[..., 3] > 0
+    near = np.pad(covered, 1)
+    near = np.any([near[y : y + 120, x : x + 160] for y in range(3) for x in range(3)], axis=0)
+    assert 0.1 < near.mean() < 0.9
+    assert np.array_equal(live.rgba[~near], alone.rgba[~near])
+    assert not np.array_equal(live.rgba, alone.rgba)
+
+
+def test_splats_over_an_image_lose_their_noise(fresh: Renderer) -> None:
+    """As before a plain colour, though the image behind them moves and they do not cover it wholly."""
+    scene = scene_of(random_cloud(500, 1, sigma_px=(3.0, 8.0), opacity=(0.05, 0.4)), background=checkered())
+    for k, camera in enumerate(turning(12)):
+        live = fresh.render(scene, camera, replace(LIVE, seed=k))
+    alone = fresh.render(scene, camera, replace(LIVE, seed=11, reprojection=False))
+    reference = fresh.render(scene, camera, Settings(method="sorted"))
+    assert error(live, reference) < 0.67 * error(alone, reference)
 
 
 @pytest.mark.parametrize("projection", ["pinhole", "orthographic"])
