@@ -25,7 +25,8 @@ def register_passes(b_engine: Any, b_scene: Any, b_view_layer: Any) -> None:
 def write_picture(b_engine: Any, picture: Picture, layer: str, view: str, working_space: str) -> None:
     """Writes Combined (premultiplied scene-linear, in the file's working space) and, where the layer has it, Depth.
 
-    The picture has rows from the top, Blender from the bottom. Depth is measured along the camera's axis [world units].
+    The picture has rows from the top, Blender from the bottom; its rgba is overwritten on the way.
+    Depth is measured along the camera's axis [world units].
     """
     from ..engine.light import light_from_display  # Warp is loaded by whoever rendered the picture
 
