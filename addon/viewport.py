@@ -32,9 +32,13 @@ SLOW, FAST = 0.06, 0.012  # [s] a first picture may take at most, and below whic
 COARSEST = 4  # divider of the size: below a quarter, projecting and sorting cost more than pixels
 WAIT, LONGEST_WAIT = 0.04, 0.1  # [s] a redraw may wait for the picture of the new view, which moves with the overlays
 SHOW_INTERVAL = 0.06  # [s] at least between pictures of one accumulation: each is read back, converted and redrawn
-LONGEST_SHOW_INTERVAL = 2.5  # [s] that slow redraws make of it
+LONGEST_SHOW_INTERVAL = 20.0  # [s] that slow redraws make of it
 REDRAWING = 0.05  # of the time at most: while Blender redraws its window, keys wait
-SHOW_GROWTH = 1.5  # samples of a picture over those of the one before: later samples change less and less
+ANSWERED_BY = 0.04  # [s] a key may wait: redraws that take longer hold some keys up for too long
+HELD_UP = 0.01  # of the time at most, during which a key would wait longer than that
+SECOND_PICTURE = 0.4  # [s] after the first one where that is noisy, whatever redraws cost: most of the noise goes then
+SHOW_GROWTH = 2.0  # samples of a picture over those of the one before: later samples change less and less
+SLOW_SHOW_GROWTH = 4.0  # the same where redraws hold up keys: half the noise
 LONG = 0.5  # [s] after which a frame that is not begun yet says what it is doing
 SAY_INTERVAL = 0.25  # [s] between such words: each is a redraw
 POINTS_PER_LAUNCH = 1 << 20  # [max_points] so that a launch ends soon after the aim changed
@@ -220,13 +224,24 @@ class ViewportSession:
         done = samples >= frame.sample_count
         if samples == 1 and self.divider == 1 and seconds > SLOW:
             self.divider = 2
-        interval = min(max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING), LONGEST_SHOW_INTERVAL)
-        worth_it = samples >= SHOW_GROWTH * self._shown_samples and time.monotonic() - self._shown_at > interval
-        if done or samples == 1 or worth_it:
+        if done or samples == 1 or self._is_worth_showing(samples, noisy=aim.settings.method == "points"):
             self._show(aim, frame, 1, seconds, frame.sample_count)
             self._shown_samples = samples
         if done:
             self._finished, self._frame = aim, None
+
+    def _is_worth_showing(self, samples: int, noisy: bool) -> bool:
+        """Whether the picture has changed enough since the last one, and redraws have not held up keys for too long.
+
+        A window without a graphics card takes 126 ms to redraw (two cores, llvmpipe, 1280×800), and one with a card
+        so little that only SHOW_INTERVAL counts.
+        """
+        slow = self.redraw_seconds > ANSWERED_BY
+        if samples < (SLOW_SHOW_GROWTH if slow else SHOW_GROWTH) * self._shown_samples:
+            return False
+        interval = max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING, (self.redraw_seconds - ANSWERED_BY) / HELD_UP)
+        longest = SECOND_PICTURE if noisy and self._shown_samples == 1 else LONGEST_SHOW_INTERVAL
+        return time.monotonic() - self._shown_at > min(interval, longest)
 
     def _begin(self, aim: Aim, renderer: Renderer, divider: int, settings: Settings, progress: Progress) -> Frame:
         from ..engine.renderer import Frame

@@ -9,12 +9,13 @@ older one. What accumulates takes one sample per redraw.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ..engine.errors import Cancelled, StippleError
 from ..engine.progress import Progress
-from .viewport import COARSEST, WAIT, Aim, ViewportSession
+from .viewport import COARSEST, SHOW_INTERVAL, WAIT, Aim, ViewportSession
 
 if TYPE_CHECKING:
     from ..engine.rays.order import DrawOrder
@@ -85,6 +86,10 @@ class RaysViewportSession(ViewportSession):
     def fail(self, aim: Aim | None, text: str) -> None:
         self._failed = aim
         super().fail(aim, text)
+
+    def _is_worth_showing(self, samples: int, noisy: bool) -> bool:
+        """The redraw is there anyway: it makes the sample."""
+        return time.monotonic() - self._shown_at > SHOW_INTERVAL
 
     def _order_for(self, aim: Aim) -> tuple[Aim, DrawOrder] | None:
         """The order of this view, or of the one before where this one's is late; None while there is none."""

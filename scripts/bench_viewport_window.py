@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "desktop"
 from window import PACKAGE, Steps, Window, run, use_stipple
 
 MOVES, PHASE = 15, 12.0  # camera moves of each method; [s] of each phase with key presses
+ACCUMULATION = 60.0  # [s] of those while samples add up: few redraws, so many presses are needed to meet some
 IDLE = 5.0  # [s] without anything to do
 ANSWER, MOVE = "K", "J"
 # Real key presses of the X server, at times that no redraw can be in step with; prints when each was sent.
@@ -42,6 +43,7 @@ class Seen:
         self.answers: list[float] = []
         self.shown: list[float] = []
         self.callbacks: list[float] = []
+        self.drawn: list[float] = []
         self.waiting = False
 
 
@@ -86,6 +88,7 @@ def watch_drawing() -> None:
         begin = time.monotonic()
         draw(self, *arguments)
         seen.callbacks.append(time.monotonic() - begin)
+        seen.drawn.append(begin)
         if seen.waiting and self.session._shown.is_set():  # the picture just drawn is of the view just set
             seen.waiting = False
             bpy.app.timers.register(on_screen, first_interval=0.0)
@@ -98,10 +101,10 @@ def press(key: str, least: float, most: float, count: int) -> Any:
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
-def answers(window: Window, name: str, busy: Any) -> Steps:
-    """Presses keys while `busy()` is called between events; notes how late Blender hands them on."""
+def answers(window: Window, name: str, busy: Any, seconds: float = PHASE, counts: Any = lambda sent: True) -> Steps:
+    """Presses keys while `busy()` is called between events; notes how late Blender hands on those that count."""
     seen.answers, seen.callbacks = [], []
-    sender = press(ANSWER, 0.1, 0.25, int(PHASE / 0.175))
+    sender = press(ANSWER, 0.1, 0.25, int(seconds / 0.175))
 
     def ended() -> bool:
         busy()
@@ -118,11 +121,47 @@ def answers(window: Window, name: str, busy: Any) -> Steps:
     frame = window.session._frame
     window.results[name] = {
         "samples_per_second": (frame[1].film.samples if frame else window.session.picture.samples) / took,
-        "answer": [at - before for before, at in zip(sent, seen.answers, strict=True)],
+        "answer": [at - before for before, at in zip(sent, seen.answers, strict=True) if counts(before)],
         "callback": seen.callbacks,
         "redraws_per_second": len(seen.callbacks) / took,
         "cores": (time.process_time() - begin_cpu) / took,
     }
+
+
+class Spans:
+    """When samples add up: from where the first picture of the full size is drawn to where the last one is.
+
+    *sorted* comes to its last sample; then the view is turned, and what the user waits for is a moved view.
+    """
+
+    def __init__(self, window: Window) -> None:
+        self._window = window
+        self._spans: list[list[float]] = []
+        self._open = False
+
+    def look(self) -> None:
+        """To be called between events."""
+        session, now = self._window.session, time.monotonic()
+        picture = session.picture
+        is_drawn = picture is not None and picture is session._drawn and picture.divider == 1
+        if self._open:
+            self._spans[-1][1] = now
+        if session.due() is None and is_drawn:
+            self._open = False
+            turn(self._window.b_region_3d)
+            self._window.b_area.tag_redraw()
+        elif is_drawn and session._is_begun(session.aim) and not self._open:
+            self._open = True
+            self._spans.append([now, now])
+
+    def hold(self, sent: float) -> bool:
+        return any(begin <= sent <= end for begin, end in self._spans)
+
+    def summary(self) -> dict[str, float]:
+        """Over all spans: how many, their seconds, and redraws a second in them."""
+        seconds = sum(end - begin for begin, end in self._spans)
+        redraws = sum(map(self.hold, seen.drawn))
+        return {"spans": len(self._spans), "span_seconds": seconds, "redraws_per_second": redraws / seconds}
 
 
 def moves(window: Window, name: str, rest: bool = True) -> Steps:
@@ -172,21 +211,23 @@ def measure(window: Window) -> Steps:
             last[0] = time.monotonic()
             window.b_area.tag_redraw()
 
-    def keep_on() -> None:  # sorted may come to its last sample
-        if window.session.due() is None:
-            turn(window.b_region_3d)
-            window.b_area.tag_redraw()
-
     yield from answers(window, "redrawn, nothing to render", redraw)
     for method in ("POINTS", "SORTED"):
-        b_scene.stipple.method = method
-        yield from moves(window, f"{method.lower()} at rest, then moved")
-        # As many samples as take longer than this; sorted has one for each subpixel.
-        b_scene.stipple.viewport_samples, b_scene.stipple.supersampling = 1 << 16, 1 if method == "POINTS" else 16
-        window.b_area.tag_redraw()  # which scripts have to ask for
-        yield from answers(window, f"{method.lower()} accumulating", keep_on)
-        yield from moves(window, f"{method.lower()} accumulating, then moved", rest=False)
-        b_scene.stipple.viewport_samples, b_scene.stipple.supersampling = 16, 1
+        yield from of_method(window, b_scene.stipple, method)
+
+
+def of_method(window: Window, b_stipple: Any, method: str) -> Steps:
+    b_stipple.method = method
+    yield from moves(window, f"{method.lower()} at rest, then moved")
+    # As many samples as take longer than this; sorted has one for each subpixel.
+    b_stipple.viewport_samples, b_stipple.supersampling = 1 << 16, 1 if method == "POINTS" else 16
+    window.b_area.tag_redraw()  # which scripts have to ask for
+    spans = Spans(window)
+    name = f"{method.lower()} accumulating"
+    yield from answers(window, name, spans.look, ACCUMULATION, spans.hold)
+    window.results[name] |= spans.summary()
+    yield from moves(window, f"{method.lower()} accumulating, then moved", rest=False)
+    b_stipple.viewport_samples, b_stipple.supersampling = 16, 1
 
 
 run({"measure": measure})

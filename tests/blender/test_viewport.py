@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import bpy
@@ -160,6 +161,39 @@ def test_samples_that_add_up_are_shown_and_not_talked_about(
     assert any(text.startswith("Loading") for text in said[:first])  # words for what has no picture yet
     assert all(text.startswith("Sample") for text in said[first:])
     assert len(said) - first <= 3  # and few redraws, which keys wait for
+
+
+@pytest.mark.parametrize("method", ["points", "sorted"])
+@pytest.mark.parametrize("redraw", [0.003, 0.126])
+def test_redraws_hold_up_keys_for_a_hundredth_of_the_time(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, method: str, redraw: float
+) -> None:
+    """A minute of samples (sorted has 26 s of them), a tenth of a second each by a clock of the test's own."""
+    now = [1000.0]
+    monkeypatch.setattr(viewport.time, "monotonic", lambda: now[0])
+    target = aim(method=method, samples=600)
+    target = replace(target, settings=replace(target.settings, supersampling=16 if method == "sorted" else 1))
+    session = ViewportSession(lambda: None)
+    session.redraw_seconds, session.divider = redraw, 1
+    session.aim_at(target)
+    shown = []
+    while session.due() is not None:
+        now[0] += 0.1
+        before = session.picture
+        session.step(renderer, never)
+        if session.picture is not before:
+            session.take()
+            assert session.picture is not None
+            shown.append((now[0] - 1000.0, session.picture.samples))
+    assert shown[0][1] == 1 and shown[-1][1] == (600 if method == "points" else 256)
+    growth = 2 if redraw < 0.04 else 4
+    assert all(after >= growth * before for (_, before), (_, after) in pairwise(shown[:-1]))
+    if redraw < 0.04:  # a graphics card: nothing waits, and the picture is renewed whenever it is twice as good
+        assert [samples for _, samples in shown[:-1]] == [2**k for k in range(len(shown) - 1)]
+        return
+    assert method == "sorted" or shown[1][0] < 0.7  # most of the noise goes early
+    held_up = (len(shown) - 2) * (redraw - 0.04)  # the first and the last are what the user waits for
+    assert held_up < 0.01 * shown[-1][0]
 
 
 def test_several_viewports_take_turns_and_leave_no_thread() -> None:

@@ -25,8 +25,8 @@ class Failed(Exception):
     """The scenario did not end well; the text is its error and Blender's log."""
 
 
-def run(script: Path, scenario: str, folder: Path, *arguments: str) -> dict[str, Any]:
-    """The results of a scenario of a script; raises NotHere or Failed."""
+def run(script: Path, scenario: str, folder: Path, *arguments: str, seconds: int = SECONDS) -> dict[str, Any]:
+    """The results of a scenario of a script that ends in time; raises NotHere or Failed."""
     program = os.environ.get("STIPPLE_DESKTOP")
     zips = sorted((ROOT / "dist").glob("stipple-*-linux_x64.zip"), key=lambda path: path.stat().st_mtime)
     if not program or not zips:
@@ -36,9 +36,9 @@ def run(script: Path, scenario: str, folder: Path, *arguments: str) -> dict[str,
         (folder / name).unlink(missing_ok=True)
     command = [program, "--extension", str(zips[-1]), "--mount", str(ROOT), "--mount", str(folder)]
     command += [part for path in map(Path, arguments) if path.is_file() for part in ("--mount", str(path.parent))]
-    command += ["--seconds", str(SECONDS), "--shots", str(SECONDS // 4), "--out", str(folder / "screen"), "--"]
+    command += ["--seconds", str(seconds), "--shots", str(seconds // 4), "--out", str(folder / "screen"), "--"]
     command += ["--python", str(script), "--", scenario, str(folder), *arguments]
-    subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=SECONDS + 120)
+    subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=seconds + 120)
     log = (folder / "screen" / "blender.log").read_text()
     if (folder / "error.txt").exists():
         raise Failed((folder / "error.txt").read_text() + log)
