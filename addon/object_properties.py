@@ -209,9 +209,14 @@ class StippleObjectSettings(bpy.types.PropertyGroup):
         )
     )
     crops: CollectionProperty(  # type: ignore[valid-type]
-        type=StippleCrop, name="Crops", override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"}
+        type=StippleCrop,
+        name="Crops",
+        description="Volumes that crop, eight at most",
+        override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
-    active_crop: IntProperty(name="Active Crop", min=0, override={"LIBRARY_OVERRIDABLE"})  # type: ignore[valid-type]
+    active_crop: IntProperty(  # type: ignore[valid-type]
+        name="Active Crop", description="Row of the list that the panel shows", min=0, override={"LIBRARY_OVERRIDABLE"}
+    )
 
 
 CLASSES = (StippleCrop, StippleObjectSettings)

@@ -25,8 +25,8 @@ class OBJECT_OT_stipple_crop_add(bpy.types.Operator):
     bl_label = "Add Crop"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
 
-    shape: EnumProperty(name="Shape", items=SHAPES, default="BOX")  # type: ignore[valid-type]
-    keep: EnumProperty(name="Keep", items=KEEPS, default="INSIDE")  # type: ignore[valid-type]
+    shape: EnumProperty(name="Shape", description="Volume that crops", items=SHAPES, default="BOX")  # type: ignore[valid-type]
+    keep: EnumProperty(name="Keep", description="Side of the volume that is shown", items=KEEPS, default="INSIDE")  # type: ignore[valid-type]
     use_selected: BoolProperty(  # type: ignore[valid-type]
         name="Selected Objects", description="Crop by the other selected objects instead of a new empty", default=False
     )

@@ -21,7 +21,9 @@ ACTIONS = (
 class CleanUpOperator(SplatOperator):
     """Subclasses find in `found`."""
 
-    action: EnumProperty(name="Action", items=ACTIONS, default="SELECT")  # type: ignore[valid-type]
+    action: EnumProperty(  # type: ignore[valid-type]
+        name="Action", description="What is done with the splats that are found", items=ACTIONS, default="SELECT"
+    )
     count: IntProperty(name="Found", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
 
     def step(self, context: Any, session: EditSession) -> Any:
@@ -69,7 +71,13 @@ class STIPPLE_OT_clean_oversized(CleanUpOperator, bpy.types.Operator):
 
     bl_idname = "stipple.clean_oversized"
     bl_label = "Oversized"
-    size: FloatProperty(name="Size", default=0.5, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    size: FloatProperty(  # type: ignore[valid-type]
+        name="Size",
+        description="Longest standard deviation that is not too large",
+        default=0.5,
+        min=0.0,
+        subtype="DISTANCE",
+    )
 
     def found(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.clean_up import find_oversized
@@ -82,7 +90,9 @@ class STIPPLE_OT_clean_faint(CleanUpOperator, bpy.types.Operator):
 
     bl_idname = "stipple.clean_faint"
     bl_label = "Nearly Transparent"
-    opacity: FloatProperty(name="Opacity", default=0.05, min=0.0, max=1.0)  # type: ignore[valid-type]
+    opacity: FloatProperty(  # type: ignore[valid-type]
+        name="Opacity", description="Least opacity that is not too faint", default=0.05, min=0.0, max=1.0
+    )
 
     def found(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.clean_up import find_faint

@@ -25,7 +25,7 @@ class STIPPLE_OT_select_all(SplatOperator, bpy.types.Operator):
 
     bl_idname = "stipple.select_all"
     bl_label = "(De)select All Splats"
-    action: EnumProperty(name="Action", items=ACTIONS, default="TOGGLE")  # type: ignore[valid-type]
+    action: EnumProperty(name="Action", description="What becomes of the selection", items=ACTIONS, default="TOGGLE")  # type: ignore[valid-type]
 
     def step(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.selection import select_all

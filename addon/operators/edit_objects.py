@@ -133,12 +133,24 @@ class STIPPLE_OT_align_points(PairsOperator, bpy.types.Operator):
     bl_idname = "stipple.align_points"
     bl_label = "Align by Three Points"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
-    source_1: FloatVectorProperty(name="Source 1", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
-    source_2: FloatVectorProperty(name="Source 2", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
-    source_3: FloatVectorProperty(name="Source 3", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
-    target_1: FloatVectorProperty(name="Target 1", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
-    target_2: FloatVectorProperty(name="Target 2", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
-    target_3: FloatVectorProperty(name="Target 3", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
+    source_1: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Source 1", description="Place on the active capture, in the world", subtype="XYZ_LENGTH"
+    )
+    source_2: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Source 2", description="Place on the active capture, in the world", subtype="XYZ_LENGTH"
+    )
+    source_3: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Source 3", description="Place on the active capture, in the world", subtype="XYZ_LENGTH"
+    )
+    target_1: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Target 1", description="Place that it is brought to, in the world", subtype="XYZ_LENGTH"
+    )
+    target_2: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Target 2", description="Place that it is brought to, in the world", subtype="XYZ_LENGTH"
+    )
+    target_3: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Target 3", description="Place that it is brought to, in the world", subtype="XYZ_LENGTH"
+    )
     use_scale: BoolProperty(name="Scale", description="Also scale the object", default=True)  # type: ignore[valid-type]
 
     @classmethod

@@ -81,15 +81,33 @@ class STIPPLE_OT_paint(BallStroke, bpy.types.Operator):
     bl_idname = "stipple.paint"
     bl_label = "Paint Splats"
     stroke: CollectionProperty(type=StippleDab, options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
-    mode: EnumProperty(name="Blend", items=BRUSH_MODES, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    mode: EnumProperty(name="Blend", description="What the brush does", items=BRUSH_MODES, options={"SKIP_SAVE"})  # type: ignore[valid-type]
     color: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Color", size=3, subtype="COLOR_GAMMA", default=(1, 1, 1), min=0, max=1, options={"SKIP_SAVE"}
+        name="Color",
+        description="Color to paint",
+        size=3,
+        subtype="COLOR_GAMMA",
+        default=(1, 1, 1),
+        min=0,
+        max=1,
+        options={"SKIP_SAVE"},
     )
-    opacity: FloatProperty(name="Opacity", default=1, min=0, max=1, options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    strength: FloatProperty(name="Strength", default=1, min=0, max=1, options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    falloff: EnumProperty(name="Falloff", items=FALLOFFS, options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    build_up: BoolProperty(name="Accumulate", options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    selected_only: BoolProperty(name="Selected Only", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    opacity: FloatProperty(  # type: ignore[valid-type]
+        name="Opacity", description="Opacity to paint", default=1, min=0, max=1, options={"SKIP_SAVE"}
+    )
+    strength: FloatProperty(  # type: ignore[valid-type]
+        name="Strength",
+        description="How much the middle of the brush does",
+        default=1,
+        min=0,
+        max=1,
+        options={"SKIP_SAVE"},
+    )
+    falloff: EnumProperty(  # type: ignore[valid-type]
+        name="Falloff", description="How the brush fades towards its edge", items=FALLOFFS, options={"SKIP_SAVE"}
+    )
+    build_up: BoolProperty(name="Accumulate", description="Let dabs of the stroke add up", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    selected_only: BoolProperty(name="Selected Only", description="Paint only selected splats", options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def begin(self, context: Any, session: EditSession, event: Any) -> None:
         """The brush is that of the tool's settings, where the caller asks for no other."""
@@ -153,7 +171,7 @@ class STIPPLE_OT_clone_source(SplatOperator, bpy.types.Operator):
 
     bl_idname = "stipple.clone_source"
     bl_label = "Set Clone Source"
-    location: FloatVectorProperty(name="Location", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
+    location: FloatVectorProperty(name="Location", description="Place to copy from, in the world", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
 
     def invoke(self, context: Any, event: Any) -> set[str]:
         with Reported(self):

@@ -28,7 +28,9 @@ from ..edit.session import EditSession
 class MatchOperator(SplatOperator):
     """Puts what `match` finds into the selection."""
 
-    mode: EnumProperty(name="Mode", items=SELECT_MODES, default="SET")  # type: ignore[valid-type]
+    mode: EnumProperty(  # type: ignore[valid-type]
+        name="Mode", description="How what is found is combined with the selection", items=SELECT_MODES, default="SET"
+    )
 
     def step(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.selection import select
@@ -67,9 +69,9 @@ class STIPPLE_OT_select_circle(CircleStroke, ScreenOperator, bpy.types.Operator)
 
     bl_idname = "stipple.select_circle"
     bl_label = "Circle Select Splats"
-    x: IntProperty(name="X", subtype="PIXEL")  # type: ignore[valid-type]
-    y: IntProperty(name="Y", subtype="PIXEL")  # type: ignore[valid-type]
-    radius: IntProperty(name="Radius", default=50, min=1, subtype="PIXEL")  # type: ignore[valid-type]
+    x: IntProperty(name="X", description="Center of the circle, from the left", subtype="PIXEL")  # type: ignore[valid-type]
+    y: IntProperty(name="Y", description="Center of the circle, from the bottom", subtype="PIXEL")  # type: ignore[valid-type]
+    radius: IntProperty(name="Radius", description="Radius of the circle", default=50, min=1, subtype="PIXEL")  # type: ignore[valid-type]
     border: BoolProperty(  # type: ignore[valid-type]
         name="Borders", description="Also select splats whose border alone is touched", default=False
     )
@@ -89,10 +91,10 @@ class STIPPLE_OT_select_box(GestureOperator, ScreenOperator, bpy.types.Operator)
 
     bl_idname = "stipple.select_box"
     bl_label = "Box Select Splats"
-    xmin: IntProperty(name="X Min", subtype="PIXEL")  # type: ignore[valid-type]
-    xmax: IntProperty(name="X Max", subtype="PIXEL")  # type: ignore[valid-type]
-    ymin: IntProperty(name="Y Min", subtype="PIXEL")  # type: ignore[valid-type]
-    ymax: IntProperty(name="Y Max", subtype="PIXEL")  # type: ignore[valid-type]
+    xmin: IntProperty(name="X Min", description="Left edge of the rectangle", subtype="PIXEL")  # type: ignore[valid-type]
+    xmax: IntProperty(name="X Max", description="Right edge of the rectangle", subtype="PIXEL")  # type: ignore[valid-type]
+    ymin: IntProperty(name="Y Min", description="Lower edge of the rectangle", subtype="PIXEL")  # type: ignore[valid-type]
+    ymax: IntProperty(name="Y Max", description="Upper edge of the rectangle", subtype="PIXEL")  # type: ignore[valid-type]
     freehand: ClassVar[bool] = False
 
     def set_path(self, points: list[tuple[float, float]]) -> None:
@@ -132,8 +134,12 @@ class STIPPLE_OT_select_depth(ScreenOperator, bpy.types.Operator):
 
     bl_idname = "stipple.select_depth"
     bl_label = "Select Splats by Depth"
-    near: FloatProperty(name="Near", default=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
-    far: FloatProperty(name="Far", default=10.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    near: FloatProperty(  # type: ignore[valid-type]
+        name="Near", description="Least distance along the view direction", default=0.0, subtype="DISTANCE"
+    )
+    far: FloatProperty(  # type: ignore[valid-type]
+        name="Far", description="Largest distance along the view direction", default=10.0, subtype="DISTANCE"
+    )
 
     def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
         from ...engine.edit.match_screen import match_depth
@@ -146,8 +152,10 @@ class STIPPLE_OT_select_sphere(MatchOperator, bpy.types.Operator):
 
     bl_idname = "stipple.select_sphere"
     bl_label = "Select Splats in Sphere"
-    center: FloatVectorProperty(name="Center", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
-    radius: FloatProperty(name="Radius", default=1.0, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    center: FloatVectorProperty(name="Center", description="Center of the ball, in the world", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
+    radius: FloatProperty(  # type: ignore[valid-type]
+        name="Radius", description="Radius of the ball, in the world", default=1.0, min=0.0, subtype="DISTANCE"
+    )
 
     def match(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.match_space import match_sphere
@@ -173,8 +181,8 @@ class STIPPLE_OT_select_opacity(MatchOperator, bpy.types.Operator):
 
     bl_idname = "stipple.select_opacity"
     bl_label = "Select Splats by Opacity"
-    low: FloatProperty(name="Min", default=0.0, min=0.0, max=1.0)  # type: ignore[valid-type]
-    high: FloatProperty(name="Max", default=0.1, min=0.0, max=1.0)  # type: ignore[valid-type]
+    low: FloatProperty(name="Min", description="Least opacity that is selected", default=0.0, min=0.0, max=1.0)  # type: ignore[valid-type]
+    high: FloatProperty(name="Max", description="Largest opacity that is selected", default=0.1, min=0.0, max=1.0)  # type: ignore[valid-type]
 
     def match(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.match_values import match_opacity
@@ -187,8 +195,10 @@ class STIPPLE_OT_select_size(MatchOperator, bpy.types.Operator):
 
     bl_idname = "stipple.select_size"
     bl_label = "Select Splats by Size"
-    low: FloatProperty(name="Min", default=0.1, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
-    high: FloatProperty(name="Max", default=1e6, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    low: FloatProperty(name="Min", description="Least size that is selected", default=0.1, min=0.0, subtype="DISTANCE")  # type: ignore[valid-type]
+    high: FloatProperty(  # type: ignore[valid-type]
+        name="Max", description="Largest size that is selected", default=1e6, min=0.0, subtype="DISTANCE"
+    )
 
     def match(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.match_values import match_size

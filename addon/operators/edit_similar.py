@@ -73,7 +73,13 @@ class STIPPLE_OT_select_color(MatchOperator, bpy.types.Operator):
     bl_idname = "stipple.select_color"
     bl_label = "Select Splats by Color"
     color: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Color", size=3, subtype="COLOR_GAMMA", default=(0.5, 0.5, 0.5), min=0, max=1
+        name="Color",
+        description="Color to look for",
+        size=3,
+        subtype="COLOR_GAMMA",
+        default=(0.5, 0.5, 0.5),
+        min=0,
+        max=1,
     )
     threshold: FloatProperty(  # type: ignore[valid-type]
         name="Threshold", description="Largest difference, as it is seen", default=0.1, min=0.0, soft_max=1.0

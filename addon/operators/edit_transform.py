@@ -48,7 +48,7 @@ class STIPPLE_OT_translate(TransformOperator, DragOperator, bpy.types.Operator):
 
     bl_idname = "stipple.translate"
     bl_label = "Move Splats"
-    value: FloatVectorProperty(name="Move", subtype="TRANSLATION")  # type: ignore[valid-type]
+    value: FloatVectorProperty(name="Move", description="Way along each axis of the world", subtype="TRANSLATION")  # type: ignore[valid-type]
     kind: ClassVar[str] = "translate"
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
@@ -62,9 +62,11 @@ class STIPPLE_OT_rotate(TransformOperator, DragOperator, bpy.types.Operator):
 
     bl_idname = "stipple.rotate"
     bl_label = "Rotate Splats"
-    value: FloatProperty(name="Angle", subtype="ANGLE", step=100)  # type: ignore[valid-type]
-    axis: FloatVectorProperty(name="Axis", default=(0.0, 0.0, 1.0), subtype="XYZ")  # type: ignore[valid-type]
-    pivot: EnumProperty(name="Pivot", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+    value: FloatProperty(name="Angle", description="Angle to turn by", subtype="ANGLE", step=100)  # type: ignore[valid-type]
+    axis: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Axis", description="Direction to turn about, in the world", default=(0.0, 0.0, 1.0), subtype="XYZ"
+    )
+    pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
     kind: ClassVar[str] = "rotate"
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
@@ -78,8 +80,10 @@ class STIPPLE_OT_resize(TransformOperator, DragOperator, bpy.types.Operator):
 
     bl_idname = "stipple.resize"
     bl_label = "Scale Splats"
-    value: FloatVectorProperty(name="Scale", default=(1.0, 1.0, 1.0), subtype="XYZ")  # type: ignore[valid-type]
-    pivot: EnumProperty(name="Pivot", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+    value: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Scale", description="Factor along each axis of the world", default=(1.0, 1.0, 1.0), subtype="XYZ"
+    )
+    pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
     kind: ClassVar[str] = "resize"
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
@@ -93,8 +97,8 @@ class STIPPLE_OT_mirror(TransformOperator, bpy.types.Operator):
 
     bl_idname = "stipple.mirror"
     bl_label = "Mirror Splats"
-    axis: EnumProperty(name="Axis", items=AXES, default="X")  # type: ignore[valid-type]
-    pivot: EnumProperty(name="Pivot", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+    axis: EnumProperty(name="Axis", description="Axis of the world that is turned round", items=AXES, default="X")  # type: ignore[valid-type]
+    pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
         from ...engine.edit import affine

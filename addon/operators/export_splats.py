@@ -34,7 +34,7 @@ class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})  # type: ignore[valid-type]
-    content: EnumProperty(name="Include", items=CONTENTS, default="SELECTED")  # type: ignore[valid-type]
+    content: EnumProperty(name="Include", description="What is written", items=CONTENTS, default="SELECTED")  # type: ignore[valid-type]
     apply_transform: BoolProperty(  # type: ignore[valid-type]
         name="Apply Transform",
         description="Write splats where they are in the world, sizes and view-dependent color with them",
