@@ -18,6 +18,7 @@ import statistics
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,14 @@ import bpy
 import numpy as np
 
 import stipple
-from stipple.addon import output, render_engine
+from stipple.addon import render_engine
 from stipple.addon.splat_data import datablock_from_cloud
 from stipple.engine.formats import write_splats
 from stipple.scripts.sample_capture import build_sample
 
 SETTLED = 3  # frames after which memory must not grow any more
 SAMPLE_SPLATS = 260_000
+UNITS = ("s", "core_s")
 
 
 class Clock:
@@ -39,34 +41,43 @@ class Clock:
 
     def __init__(self) -> None:
         self.frames: list[dict[str, float]] = []
-        self._engine = self._render = self._pre = 0.0
-        write_picture, render_view_layer = output.write_picture, render_engine.render_view_layer
+        self._begun = self._engine = self._render = np.zeros(2)
+        pictures, render_view_layer = render_engine._pictures, render_engine.render_view_layer
 
-        def timed_write(b_engine: Any, picture: Any, *arguments: Any) -> None:
-            self._engine = picture.stats.seconds
-            write_picture(b_engine, picture, *arguments)
+        def timed_pictures(*arguments: Any) -> Iterator[Any]:
+            begin = now()
+            for picture in pictures(*arguments):
+                self._engine = self._engine + now() - begin
+                yield picture
+                begin = now()
 
         def timed_render(*arguments: Any) -> None:
-            begin = time.perf_counter()
+            begin, self._engine = now(), np.zeros(2)
             render_view_layer(*arguments)
-            self._render = time.perf_counter() - begin
+            self._render = now() - begin
 
-        output.write_picture, render_engine.render_view_layer = timed_write, timed_render
+        render_engine._pictures, render_engine.render_view_layer = timed_pictures, timed_render
         bpy.app.handlers.render_pre.append(self._started)
         bpy.app.handlers.render_write.append(self._written)
 
     def _started(self, *_: object) -> None:
-        self._pre = time.perf_counter()
+        self._begun = now()
 
     def _written(self, *_: object) -> None:
-        self.frames.append(
-            {
-                "engine_s": self._engine,
-                "addon_s": self._render - self._engine,
-                "blender_s": time.perf_counter() - self._pre - self._render,
-                "resident_bytes": resident_bytes(),
-            }
-        )
+        parts = {
+            "engine": self._engine,
+            "addon": self._render - self._engine,
+            "blender": now() - self._begun - self._render,
+        }
+        frame = {
+            f"{name}_{unit}": float(t) for name, part in parts.items() for unit, t in zip(UNITS, part, strict=True)
+        }
+        self.frames.append({**frame, "resident_bytes": resident_bytes()})
+
+
+def now() -> np.ndarray:
+    """Wall seconds, and processor seconds of all threads, which other work on the machine hardly changes."""
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def resident_bytes() -> int:
@@ -119,13 +130,15 @@ def render(options: argparse.Namespace, folder: Path) -> list[dict[str, float]]:
 def summary(frames: list[dict[str, float]]) -> dict[str, float]:
     """Medians over the frames after `SETTLED`, and how far memory then strays from where it was."""
     settled = frames[SETTLED:]
-    median = {
-        name: statistics.median(frame[name] for frame in settled) for name in ("engine_s", "addon_s", "blender_s")
-    }
+    median = {name: statistics.median(frame[name] for frame in settled) for name in frames[0]}
     memory = [frame["resident_bytes"] for frame in settled]
+    shares = {
+        f"addon_share_{unit}": median[f"addon_{unit}"] / (median[f"engine_{unit}"] + median[f"addon_{unit}"])
+        for unit in UNITS
+    }
     return {
         **median,
-        "addon_share": median["addon_s"] / (median["engine_s"] + median["addon_s"]),
+        **shares,
         "resident_bytes": memory[0],
         "largest_growth_bytes": max(memory) - memory[0],
         "last_growth_bytes": memory[-1] - memory[0],
@@ -142,7 +155,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--splats", type=int, default=SAMPLE_SPLATS, help="of the sample")
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--size", type=lambda text: tuple(map(int, text.split("x"))), default=(1920, 1080))
-    parser.add_argument("--method", choices=("SORTED", "POINTS"), default="SORTED")
+    parser.add_argument("--method", choices=("SORTED", "POINTS", "RAYS"), default="SORTED")
     parser.add_argument("--samples", type=int, default=16)
     parser.add_argument("--supersampling", type=int, default=1)
     parser.add_argument("--device", choices=("AUTO", "CPU", "CUDA"), default="AUTO")
