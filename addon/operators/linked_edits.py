@@ -33,7 +33,9 @@ class STIPPLE_OT_apply_edits(OnLinkedCapture, ExportHelper, bpy.types.Operator):
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})  # type: ignore[valid-type]
-    content: EnumProperty(name="Include", items=CONTENTS, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    content: EnumProperty(  # type: ignore[valid-type]
+        name="Include", description="What is written", items=CONTENTS, options={"SKIP_SAVE"}
+    )
     relink: BoolProperty(  # type: ignore[valid-type]
         name="Relink", description="Let the object stand for the copy from now on, without edits", default=True
     )
