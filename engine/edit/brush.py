@@ -8,16 +8,23 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..errors import StippleError
-from .paint_word import UNPAINTED, packed, tint_of, unpacked
+from .paint_word import DARKEST
 from .state import NOT_SELECTABLE
 
 wp.set_module_options({"enable_backward": False})
 
 MODES = ("rgb", "hue_saturation", "darken", "lighten", "erase", "opacity", "erase_opacity")
-FALLOFFS = ("smooth", "sphere", "linear", "sharp", "constant")
+# Of a dab, by t = 1 in its middle and 0 at its edge: polynomials c0 + c1 t + c2 t² + c3 t³ (Blender's curves).
+FALLOFF_CURVES = {
+    "smooth": (0.0, 0.0, 3.0, -2.0),
+    "sphere": (0.0, 2.0, -1.0, 0.0),  # and the root of it
+    "linear": (0.0, 1.0, 0.0, 0.0),
+    "sharp": (0.0, 0.0, 1.0, 0.0),
+    "constant": (1.0, 0.0, 0.0, 0.0),
+}
+FALLOFFS = tuple(FALLOFF_CURVES)
 
-RGB, HUE_SATURATION, DARKEN, LIGHTEN, ERASE, OPACITY, ERASE_OPACITY = (wp.constant(index) for index in range(7))
-SMOOTH, SPHERE, LINEAR, SHARP, CONSTANT = (wp.constant(index) for index in range(5))
+RGB, HUE_SATURATION, DARKEN, LIGHTEN, ERASE, OPACITY, ERASE_OPACITY = range(7)
 
 
 @dataclass(frozen=True)
@@ -55,62 +62,24 @@ class Brush:
 class DeviceBrush:
     mode: wp.int32
     colour: wp.vec3
+    tint: wp.vec3  # the colour over its largest channel
     opacity: wp.float32
     strength: wp.float32
-    falloff: wp.int32
+    falloff: wp.vec4  # coefficients of `FALLOFF_CURVES`
+    falloff_root: wp.int32
     build_up: wp.int32
     blocked: wp.uint32  # flags of splats it does not touch
     limited: wp.int32  # only splats of a mask
 
 
-@wp.func
-def falloff_at(kind: wp.int32, distance: wp.float32) -> wp.float32:
-    """1 in the middle, 0 at a distance of 1; Blender's curves."""
-    t = 1.0 - distance
-    if kind == SMOOTH:
-        return t * t * (3.0 - 2.0 * t)
-    if kind == SPHERE:
-        return wp.sqrt(wp.max(2.0 * t - t * t, 0.0))
-    if kind == LINEAR:
-        return t
-    if kind == SHARP:
-        return t * t
-    return 1.0
-
-
-@wp.func
-def painted(brush: DeviceBrush, before: wp.uint64, base_dc: wp.vec3, amount: wp.float32) -> wp.uint64:
-    """The word of a splat that had `before` when `amount` (0 … 1) of the brush is on it."""
-    old = unpacked(before, base_dc)
-    p = unpacked(before, base_dc)
-    keep = 1.0 - amount
-    if brush.mode == RGB:
-        p.colour = keep * old.colour + amount * brush.colour
-        p.own = keep * old.own
-        p.value = keep * old.value
-    elif brush.mode == HUE_SATURATION:
-        p.colour = keep * old.colour + amount * wp.max(old.colour) * tint_of(brush.colour)
-        p.own = keep * old.own
-    elif brush.mode == ERASE:
-        if before == UNPAINTED or amount >= 1.0:
-            return UNPAINTED
-        bare = unpacked(UNPAINTED, base_dc)
-        p.colour = keep * old.colour + amount * bare.colour
-        p.own = keep * old.own + amount
-        p.value = keep * old.value + amount
-    else:
-        factor = wp.where(brush.mode == DARKEN, keep, 1.0 + amount)
-        p.colour = factor * old.colour
-        p.own = factor * old.own
-        p.value = factor * old.value
-    return packed(p, old)
-
-
 def device_brush(brush: Brush, limited: bool) -> DeviceBrush:
     """As kernels take it. `limited`: it paints only splats of a mask."""
     on_device = DeviceBrush()
-    on_device.mode, on_device.falloff = MODES.index(brush.mode), FALLOFFS.index(brush.falloff)
+    on_device.mode = MODES.index(brush.mode)
+    on_device.falloff, on_device.falloff_root = wp.vec4(*FALLOFF_CURVES[brush.falloff]), int(brush.falloff == "sphere")
+    largest = max(brush.colour)
     on_device.colour = wp.vec3(*brush.colour)
+    on_device.tint = wp.vec3(*(channel / largest if largest >= DARKEST else 1.0 for channel in brush.colour))
     on_device.opacity, on_device.strength = brush.opacity, brush.strength
     on_device.build_up, on_device.limited = int(brush.build_up), int(limited)
     on_device.blocked = NOT_SELECTABLE

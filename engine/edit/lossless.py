@@ -24,6 +24,7 @@ from .rows import as_columns, row_of
 wp.set_module_options({"enable_backward": False})
 
 Bytes = npt.NDArray[np.uint8]
+SIGN = wp.constant(wp.uint32(0x80000000))
 LEVEL, STRATEGY = 1, zlib.Z_RLE  # runs of zeros and short codes are all there is to find
 
 
@@ -32,7 +33,7 @@ def ordered(bits: wp.uint32) -> wp.uint32:
     """Bits of a float as an integer that counts the floats in order."""
     if (bits >> wp.uint32(31)) != wp.uint32(0):
         return ~bits
-    return bits | wp.uint32(0x80000000)
+    return bits | SIGN
 
 
 @wp.func

@@ -111,15 +111,25 @@ def show_harmonics(cloud: EditableCloud, rows: wp.array) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class PaintDiff:
-    """Paint words of some splats: (index, old word) pairs, 12 bytes each. Swapped with the cloud's: its own inverse."""
+class PairDiff:
+    """(index, old value) pairs of some splats, swapped with the cloud's: its own inverse."""
 
     rows: wp.array
     held: wp.array
 
     @property
     def nbytes(self) -> int:
-        return 12 * int(self.rows.size)
+        return int(self.rows.size) * (4 + wp.types.type_size_in_bytes(self.held.dtype))
+
+    def apply(self, cloud: EditableCloud) -> None:
+        raise NotImplementedError
+
+    def revert(self, cloud: EditableCloud) -> None:
+        self.apply(cloud)
+
+
+class PaintDiff(PairDiff):
+    """Paint words, 12 bytes a splat; the colours follow."""
 
     def apply(self, cloud: EditableCloud) -> None:
         arrays = [cloud.array(name) for name in ("base_dc", "paint", "sh_dc")]
@@ -127,22 +137,10 @@ class PaintDiff:
         show_harmonics(cloud, self.rows)
         cloud.touched("paint", "sh_dc")
 
-    revert = apply
 
-
-@dataclass(frozen=True, eq=False)
-class OpacityDiff:
-    """Opacities of some splats: (index, old value) pairs, 8 bytes each, swapped as `PaintDiff` does."""
-
-    rows: wp.array
-    held: wp.array
-
-    @property
-    def nbytes(self) -> int:
-        return 8 * int(self.rows.size)
+class OpacityDiff(PairDiff):
+    """Opacities, 8 bytes a splat."""
 
     def apply(self, cloud: EditableCloud) -> None:
         launch(swap_values_kernel, self.rows.size, [self.rows, self.held, cloud.array("opacity")], cloud.device)
         cloud.touched("opacity")
-
-    revert = apply

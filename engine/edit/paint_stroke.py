@@ -15,11 +15,13 @@ import warp as wp
 
 from ..buffers import allocate
 from ..device import launch
-from .affine import Affine, checked, composed, device_affine, mapped
-from .brush import OPACITY, Brush, DeviceBrush, device_brush, falloff_at, painted
+from .affine import checked, composed, device_affine
+from .brush import OPACITY, Brush, device_brush
+from .cover import BLOCK_CPU, Dab, cover
 from .editable_cloud import EditableCloud
-from .mask import EDIT_LESS, Mask, has_bit, mask_from_hits
+from .mask import EDIT_LESS, Mask, mask_from_hits
 from .match_space import unit_ball_from_world
+from .paint_lanes import StrokeColours, paint_block
 from .paint_layer import (
     OpacityDiff,
     PaintDiff,
@@ -31,94 +33,67 @@ from .paint_layer import (
 from .paint_word import painted_dc
 from .rows import as_columns, copy_rows, no_rows
 from .step import Step
-from .under_brush import BLOCK_CPU, under_brush
 
 wp.set_module_options({"enable_backward": False})
 
 FULL = wp.constant(65535.0)
+OPACITY_MODE = wp.constant(OPACITY)
 
 
 @wp.func
-def coverage_after(
-    brush: DeviceBrush,
-    unit_from_object: Affine,
-    i: wp.int32,
-    position: wp.array(dtype=wp.vec3),
-    state: wp.array(dtype=wp.uint32),
-    limit: wp.array(dtype=wp.uint32),
-    coverage: wp.array(dtype=wp.uint16),
-) -> wp.int32:
-    """What a dab makes of a splat's coverage, 0 … 65535; -1 where it leaves it as it is."""
-    if (state[i] & brush.blocked) != wp.uint32(0):
-        return -1
-    p = mapped(unit_from_object, position[i])
-    square = wp.dot(p, p)
-    if not square <= 1.0:
-        return -1
-    if brush.limited != 0 and not has_bit(limit, i):
-        return -1
-    amount = int(wp.floor(FULL * brush.strength * falloff_at(brush.falloff, wp.sqrt(square)) + 0.5))
-    before = int(coverage[i])
-    after = wp.max(before, amount)
-    if brush.build_up != 0:
-        # At least one step, so that a weak airbrush arrives in the end.
-        left = 65535 - before
-        after = before + wp.min(left, int(wp.ceil(float(left) * float(amount) / FULL)))
-    return wp.where(after > before, after, -1)
+def bit(bits: wp.uint64, k: wp.int32) -> wp.bool:
+    return (bits >> wp.uint64(k)) & wp.uint64(1) != wp.uint64(0)
 
 
 @wp.kernel
-def dab_colour_kernel(
-    first: wp.int32,
-    block_size: wp.int32,
-    brush: DeviceBrush,
-    unit_from_object: Affine,
-    position: wp.array(dtype=wp.vec3),
-    state: wp.array(dtype=wp.uint32),
-    limit: wp.array(dtype=wp.uint32),
-    coverage: wp.array(dtype=wp.uint16),
-    before: wp.array(dtype=wp.uint64),  # words at the stroke's start, where coverage is not 0
-    base_dc: wp.array(dtype=wp.vec3),
-    paint: wp.array(dtype=wp.uint64),
-    sh_dc: wp.array(dtype=wp.vec3),
-    base_rest: wp.array2d(dtype=wp.vec3),
-    sh_rest: wp.array2d(dtype=wp.vec3),  # without columns: harmonics follow later
-) -> None:
+def dab_colour_kernel(first: wp.int32, block_size: wp.int32, dab: Dab, colours: StrokeColours) -> None:
     begin = (first + wp.tid()) * block_size
-    count = wp.min(block_size, position.shape[0] - begin)
-    found = under_brush(unit_from_object, position, state, brush.blocked, begin, count)
-    i = begin
-    while found != wp.uint64(0):
-        if (found & wp.uint64(1)) != wp.uint64(0):
-            after = coverage_after(brush, unit_from_object, i, position, state, limit, coverage)
-            if after >= 0:
-                if coverage[i] == wp.uint16(0):
-                    before[i] = paint[i]
-                coverage[i] = wp.uint16(after)
-                word = painted(brush, before[i], base_dc[i], float(after) / FULL)
-                paint[i] = word
-                sh_dc[i] = painted_dc(word, base_dc[i])
-                show_harmonics_of(i, word, base_dc, base_rest, sh_rest)
-        found = found >> wp.uint64(1)
-        i += 1
+    count = wp.min(block_size, dab.position.shape[0] - begin)
+    bits = cover(dab, begin, count)
+    if bits[0] != wp.uint64(0):
+        paint_block(dab, bits, colours, begin, count)
+        if colours.sh_rest.shape[1] > 0:
+            for k in range(count):
+                if bit(bits[0], k):
+                    word = colours.paint[begin + k]
+                    show_harmonics_of(begin + k, word, colours.base_dc, colours.base_rest, colours.sh_rest)
 
 
 @wp.kernel
-def unpaint_colour_kernel(
-    first: wp.int32,
-    coverage: wp.array(dtype=wp.uint16),
-    before: wp.array(dtype=wp.uint64),
-    base_dc: wp.array(dtype=wp.vec3),
-    paint: wp.array(dtype=wp.uint64),
-    sh_dc: wp.array(dtype=wp.vec3),
-    base_rest: wp.array2d(dtype=wp.vec3),
-    sh_rest: wp.array2d(dtype=wp.vec3),
-) -> None:
+def unpaint_colour_kernel(first: wp.int32, coverage: wp.array(dtype=wp.uint16), colours: StrokeColours) -> None:
     i = first + wp.tid()
     if coverage[i] != wp.uint16(0):
-        paint[i] = before[i]
-        sh_dc[i] = painted_dc(before[i], base_dc[i])
-        show_harmonics_of(i, before[i], base_dc, base_rest, sh_rest)
+        word = colours.before[i]
+        colours.paint[i] = word
+        colours.sh_dc[i] = painted_dc(word, colours.base_dc[i])
+        show_harmonics_of(i, word, colours.base_dc, colours.base_rest, colours.sh_rest)
+
+
+@wp.kernel
+def dab_opacity_kernel(
+    first: wp.int32,
+    block_size: wp.int32,
+    dab: Dab,
+    before: wp.array(dtype=wp.float32),
+    base_opacity: wp.array(dtype=wp.float32),
+    opacity: wp.array(dtype=wp.float32),
+) -> None:
+    begin = (first + wp.tid()) * block_size
+    count = wp.min(block_size, dab.position.shape[0] - begin)
+    bits = cover(dab, begin, count)
+    if bits[0] == wp.uint64(0):
+        return
+    for k in range(count):
+        i = begin + k
+        if bit(bits[0], k):
+            if bit(bits[1], k):
+                before[i] = opacity[i]
+            target = wp.where(dab.brush.mode == OPACITY_MODE, dab.brush.opacity, base_opacity[i])
+            if dab.coverage[i] == wp.uint16(65535):
+                opacity[i] = target
+            else:
+                amount = float(dab.coverage[i]) / FULL
+                opacity[i] = (1.0 - amount) * before[i] + amount * target
 
 
 @wp.kernel
@@ -131,41 +106,6 @@ def unpaint_opacity_kernel(
     i = first + wp.tid()
     if coverage[i] != wp.uint16(0):
         opacity[i] = before[i]
-
-
-@wp.kernel
-def dab_opacity_kernel(
-    first: wp.int32,
-    block_size: wp.int32,
-    brush: DeviceBrush,
-    unit_from_object: Affine,
-    position: wp.array(dtype=wp.vec3),
-    state: wp.array(dtype=wp.uint32),
-    limit: wp.array(dtype=wp.uint32),
-    coverage: wp.array(dtype=wp.uint16),
-    before: wp.array(dtype=wp.float32),
-    base_opacity: wp.array(dtype=wp.float32),
-    opacity: wp.array(dtype=wp.float32),
-) -> None:
-    begin = (first + wp.tid()) * block_size
-    count = wp.min(block_size, position.shape[0] - begin)
-    found = under_brush(unit_from_object, position, state, brush.blocked, begin, count)
-    i = begin
-    while found != wp.uint64(0):
-        if (found & wp.uint64(1)) != wp.uint64(0):
-            after = coverage_after(brush, unit_from_object, i, position, state, limit, coverage)
-            if after >= 0:
-                if coverage[i] == wp.uint16(0):
-                    before[i] = opacity[i]
-                coverage[i] = wp.uint16(after)
-                target = wp.where(brush.mode == OPACITY, brush.opacity, base_opacity[i])
-                if after == 65535:
-                    opacity[i] = target
-                else:
-                    amount = float(after) / FULL
-                    opacity[i] = (1.0 - amount) * before[i] + amount * target
-        found = found >> wp.uint64(1)
-        i += 1
 
 
 @wp.kernel
@@ -234,15 +174,17 @@ class PaintStroke:
         """
         unit_from_object = composed(unit_ball_from_world(centre, radius), self._world_from_object)
         cloud = self._cloud
-        inputs = [self._brush, device_affine(unit_from_object), cloud.array("position"), cloud.state, self._limit]
-        inputs += [self._coverage, self._before]
+        dab = Dab()
+        dab.brush, dab.unit_from_object = self._brush, device_affine(unit_from_object)
+        dab.position, dab.state, dab.limit = cloud.array("position"), cloud.state, self._limit
+        dab.coverage = self._coverage
         if self._paints_colour:
-            self._launch(dab_colour_kernel, inputs + self._colour_arrays(harmonics))
+            self._launch(dab_colour_kernel, [dab, self._colours(harmonics)])
             self._stale |= not harmonics
             cloud.touched("paint", "sh_dc", *(["sh_rest"] if harmonics else []))
         else:
-            inputs += [cloud.array(name) for name in ("base_opacity", "opacity")]
-            self._launch(dab_opacity_kernel, inputs)
+            arrays = [cloud.array(name) for name in ("base_opacity", "opacity")]
+            self._launch(dab_opacity_kernel, [dab, self._before, *arrays])
             cloud.touched("opacity")
 
     def show_harmonics(self) -> None:
@@ -274,8 +216,7 @@ class PaintStroke:
         """Put everything back as it was before the stroke."""
         cloud = self._cloud
         if self._paints_colour:
-            inputs = [self._coverage, self._before, *self._colour_arrays(True)]
-            launch(unpaint_colour_kernel, cloud.splat_count, inputs, cloud.device)
+            launch(unpaint_colour_kernel, cloud.splat_count, [self._coverage, self._colours(True)], cloud.device)
             cloud.touched("paint", "sh_dc", "sh_rest")
         else:
             inputs = [self._coverage, self._before, cloud.array("opacity")]
@@ -289,8 +230,12 @@ class PaintStroke:
         size = 1 if cloud.device.is_cuda else BLOCK_CPU
         launch(kernel, -(-cloud.splat_count // size), [size, *inputs], cloud.device, smallest_chunk=64)
 
-    def _colour_arrays(self, harmonics: bool) -> list[wp.array]:
-        arrays = [self._cloud.array(name) for name in ("base_dc", "paint", "sh_dc")]
-        if harmonics and self._cloud.has("base_rest"):
-            return [*arrays, self._cloud.array("base_rest"), self._cloud.array("sh_rest")]
-        return [*arrays, self._no_rest, self._no_rest]
+    def _colours(self, harmonics: bool) -> StrokeColours:
+        cloud, colours = self._cloud, StrokeColours()
+        colours.before = self._before
+        for name in ("base_dc", "paint", "sh_dc"):
+            setattr(colours, name, cloud.array(name))
+        with_rest = harmonics and cloud.has("base_rest")
+        for name in ("base_rest", "sh_rest"):
+            setattr(colours, name, cloud.array(name) if with_rest else self._no_rest)
+        return colours

@@ -26,12 +26,37 @@ wp.set_module_options({"enable_backward": False})
 
 UNPAINTED = wp.constant(wp.uint64(0))
 SH_C0_F = wp.constant(SH_C0)
-LOWEST = wp.constant(-1.0)  # base colours of captures leave 0 … 1; 16 bits over -1 … 3 are a sixty-fourth of 1/255
-STEPS_PER_UNIT = wp.constant(65535.0 / 4.0)
-UNITS_PER_STEP = wp.constant(4.0 / 65535.0)
-FRACTION_STEPS = wp.constant(128.0)  # own and value, 0 … 2
-FRACTIONS_PER_STEP = wp.constant(1.0 / 128.0)
-DC_PER_COLOUR = wp.constant(1.0 / SH_C0)
+DARKEST = 1.0e-4  # a colour whose hue counts
+DARKEST_F = wp.constant(DARKEST)
+LOWEST, UNITS = -1.0, 4.0  # base colours of captures leave 0 … 1; 16 bits over -1 … 3 are a sixty-fourth of 1/255
+
+# How a word is read and written: by single splats here, by lanes of them in `paint_lanes.py`. Bits 0 … 47 are the
+# colour, then 8 bits each for own and value, 0 … 2. `dc_of` is one fused operation, which every compiler rounds alike:
+# a splat has the same bits whichever kernel writes it.
+WORD_NATIVE = f"""
+    auto steps_of = [](unsigned long long word, int k) {{ return (float)(int)((word >> (16 * k)) & 0xFFFFu); }};
+    auto colour_of = [&](unsigned long long word, int k) {{
+        return {LOWEST}f + steps_of(word, k) * {UNITS / 65535.0!r}f;
+    }};
+    auto own_of = [](unsigned long long word) {{ return (float)(int)((word >> 48) & 255u) * (1.0f / 128.0f); }};
+    auto value_of = [](unsigned long long word) {{ return (float)(int)(word >> 56) * (1.0f / 128.0f); }};
+    auto dc_of = [&](unsigned long long word, int k) {{
+        return fmaf(steps_of(word, k), {UNITS / 65535.0 / SH_C0!r}f, {(LOWEST - 0.5) / SH_C0!r}f);
+    }};
+    auto base_colour_of = [](float dc) {{ return 0.5f + {SH_C0!r}f * dc; }};
+    auto colour_steps = [](float colour) {{
+        float steps = (colour - {LOWEST}f) * {65535.0 / UNITS!r}f + 0.5f;
+        steps = steps > 0.0f ? steps : 0.0f;
+        return (unsigned)(int)(steps < 65535.0f ? steps : 65535.0f);
+    }};
+    // Rounded away from what it was, so that the weakest stroke repeated still arrives.
+    auto fraction_steps = [](float now, float before) {{
+        float up = now * 128.0f - 0.001f;
+        int down = (int)(now * 128.0f + 0.001f), below = (int)up;
+        int steps = now > before ? below + (up > (float)below) : down;
+        return (unsigned)(steps < 255 ? steps : 255);
+    }};
+"""
 
 
 @wp.struct
@@ -48,6 +73,18 @@ def base_colour(sh_dc: wp.vec3) -> wp.vec3:
     return wp.vec3(0.5, 0.5, 0.5) + SH_C0_F * sh_dc
 
 
+@wp.func_native(f"{WORD_NATIVE} return wp::vec3(colour_of(word, 0), colour_of(word, 1), colour_of(word, 2));")
+def word_colour(word: wp.uint64) -> wp.vec3:
+    """Base colour in a painted splat's word."""
+    ...
+
+
+@wp.func_native(f"{WORD_NATIVE} return wp::vec2(own_of(word), value_of(word));")
+def word_fractions(word: wp.uint64) -> wp.vec2:
+    """Own and value in a painted splat's word."""
+    ...
+
+
 @wp.func
 def unpacked(word: wp.uint64, base_dc: wp.vec3) -> Paint:
     """The paint on a splat; an unpainted one's is its own colour."""
@@ -57,41 +94,19 @@ def unpacked(word: wp.uint64, base_dc: wp.vec3) -> Paint:
         paint.own = 1.0
         paint.value = 1.0
         return paint
-    mask = wp.uint64(0xFFFF)
-    for k in range(3):
-        paint.colour[k] = LOWEST + float((word >> wp.uint64(16 * k)) & mask) * UNITS_PER_STEP
-    paint.own = float((word >> wp.uint64(48)) & wp.uint64(255)) * FRACTIONS_PER_STEP
-    paint.value = float(word >> wp.uint64(56)) * FRACTIONS_PER_STEP
+    fractions = word_fractions(word)
+    paint.colour = word_colour(word)
+    paint.own = fractions[0]
+    paint.value = fractions[1]
     return paint
 
 
-@wp.func
-def fraction_steps(now: wp.float32, before: wp.float32) -> wp.uint64:
-    """Rounded away from what it was, so that the weakest stroke repeated still arrives."""
-    steps = wp.floor(now * FRACTION_STEPS + 0.001)
-    if now > before:
-        steps = wp.ceil(now * FRACTION_STEPS - 0.001)
-    return wp.uint64(wp.clamp(steps, 0.0, 255.0))
-
-
-@wp.func
-def packed(paint: Paint, before: Paint) -> wp.uint64:
-    """The word of a paint that follows another; never 0."""
-    word = (fraction_steps(paint.own, before.own) << wp.uint64(48)) | (
-        fraction_steps(paint.value, before.value) << wp.uint64(56)
-    )
-    for k in range(3):
-        steps = wp.clamp(wp.floor((paint.colour[k] - LOWEST) * STEPS_PER_UNIT + 0.5), 0.0, 65535.0)
-        word |= wp.uint64(steps) << wp.uint64(16 * k)
-    return wp.max(word, wp.uint64(1))
-
-
-@wp.func
+@wp.func_native(f"""{WORD_NATIVE}
+    return word ? wp::vec3(dc_of(word, 0), dc_of(word, 1), dc_of(word, 2)) : base_dc;
+""")
 def painted_dc(word: wp.uint64, base_dc: wp.vec3) -> wp.vec3:
     """Coefficient of band 0 as painted; an unpainted splat's own bits."""
-    if word == UNPAINTED:
-        return base_dc
-    return (unpacked(word, base_dc).colour - wp.vec3(0.5, 0.5, 0.5)) * DC_PER_COLOUR
+    ...
 
 
 @wp.func
@@ -106,6 +121,6 @@ def tint_of(c: wp.vec3) -> wp.vec3:
     """A colour over its largest channel; white for black."""
     positive = wp.vec3(wp.max(c[0], 0.0), wp.max(c[1], 0.0), wp.max(c[2], 0.0))
     largest = wp.max(positive)
-    if largest < 1.0e-4:
+    if largest < DARKEST_F:
         return wp.vec3(1.0, 1.0, 1.0)
     return positive / largest
