@@ -28,6 +28,7 @@ from . import (
     sequence_paths,
     ui,
 )
+from .edit import kernels as edit_kernels
 from .edit import keymap as edit_keymap
 from .edit import mode as edit_mode
 from .edit import properties as edit_properties
@@ -69,6 +70,7 @@ PARTS = (  # in order; undone in reverse
     import_cameras,
     apply_transform,
     crops,
+    edit_kernels,
     edit_session,
     edit_properties,
     edit_mode,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import bpy
@@ -45,28 +46,33 @@ def check_points_only(b_data: Any, name: str) -> None:
             )
 
 
-def replace_points(b_data: Any, rows: Rows, name: str) -> None:
+def replace_points(b_data: Any, rows: Rows, name: str, rewritten: Collection[str] = ()) -> None:
     """Point k becomes what point rows[k] was; a negative row gives a point whose attributes are all 0.
 
-    Raises StippleError as `check_points_only`; everything that needs memory comes before the first change.
+    Attributes called in `rewritten` are left undefined, for whoever writes them next. Raises StippleError as
+    `check_points_only`; everything that needs memory comes before the first change.
     """
     check_points_only(b_data, name)
     count = len(b_data.attributes["position"].data)
     blank = rows < 0
     source = np.where(blank, 0, rows)
-    columns = []
+    columns: list[tuple[str, str, npt.NDArray[Any] | None]] = []
     for b_attribute in _own(b_data):
+        if b_attribute.name in rewritten:
+            columns.append((b_attribute.name, b_attribute.data_type, None))
+            continue
         element, width, kind = COLUMNS[b_attribute.data_type]
         values: npt.NDArray[Any] = np.empty((count, width), kind)
         b_attribute.data.foreach_get(element, values.reshape(-1))
-        taken = values[source]
+        taken = np.take(values, source, axis=0)
         taken[blank] = 0
-        columns.append((b_attribute.name, b_attribute.data_type, np.ascontiguousarray(taken)))
+        columns.append((b_attribute.name, b_attribute.data_type, taken))
     resize_points(b_data, len(rows))
-    for attribute, data_type, taken in columns:
+    for attribute, data_type, kept in columns:
         if attribute not in b_data.attributes:
             b_data.attributes.new(attribute, data_type, "POINT")
-        b_data.attributes[attribute].data.foreach_set(COLUMNS[data_type][0], taken.reshape(-1))
+        if kept is not None:
+            b_data.attributes[attribute].data.foreach_set(COLUMNS[data_type][0], kept.reshape(-1))
 
 
 def _own(b_data: Any) -> list[Any]:

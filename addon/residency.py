@@ -8,10 +8,9 @@ is loaded and when the add-on is disabled.
 from __future__ import annotations
 
 import logging
-import os
 import sys
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
@@ -23,18 +22,17 @@ from ..engine.capture_file import CaptureFile
 from ..engine.errors import DeviceError, StippleError
 from ..engine.splats import SplatCloud
 from . import world
+from .content_keys import CloudKey, key_of, sample_of
+from .kernel_folder import keep_kernels_in_extension_folder
 from .linked_capture import path_of, problem_of
 from .object_properties import changed_looks
 from .preferences import cache_places
 from .sequence_cache import SequenceClouds
-from .splat_data import CloudKey, cloud_from_datablock, key_of, sample_of, splat_count_of
+from .splat_data import cloud_from_datablock, splat_count_of
 from .viewport_worker import ViewportWorker
 
 if TYPE_CHECKING:
     from ..engine.renderer import Renderer
-
-KERNEL_FOLDER = "kernels"
-CACHE_VARIABLE = "WARP_CACHE_PATH"  # Warp reads it when it starts
 
 Entry = tuple[SplatCloud | None, int]
 Place = tuple[int, int, int]  # address and session_uid of a datablock, its splats
@@ -87,6 +85,10 @@ class CloudCache:
                 self._alive[key] = cloud
         self._last_read[key] = self._read
         return self._entries[key]
+
+    def know(self, key: CloudKey, cloud: SplatCloud) -> None:
+        """Take a cloud that someone else holds for the content of a key: it need not be read, or uploaded again."""
+        self._alive[key] = cloud
 
     def free(self) -> None:
         self._entries.clear()
@@ -175,19 +177,27 @@ _failed: dict[str, str] = {}  # devices, and why
 log = logging.getLogger(__package__)
 
 
-def prepare(device: str, method: str, progress: Callable[[float, str], None]) -> None:
+def prepare(
+    device: str,
+    method: str,
+    progress: Callable[[float, str], None],
+    turn: Callable[[], AbstractContextManager[None]] = nullcontext,
+) -> None:
     """Imports Warp and loads the kernels of a method, which compiles them the very first time; `progress` may raise.
 
-    Only inside `worker.final_render` or in the worker's thread. Raises StippleError for a device that is not there.
+    Only inside `worker.final_render` or in the worker's thread; or with a `turn` that makes `worker.final_render` for
+    each module. Raises StippleError for a device that is not there.
     """
     if (device, method) in _prepared:
         return
     progress(0.0, "starting")
-    _keep_kernels_in_extension_folder()
-    from ..engine.device import choose_device
-    from ..engine.warm_up import load_kernels
+    with turn():
+        keep_kernels_in_extension_folder()
+        from ..engine.device import choose_device
+        from ..engine.warm_up import load_kernels
 
-    load_kernels(choose_device(device), method, progress)
+        chosen = choose_device(device)
+    load_kernels(chosen, method, progress, turn)
     _prepared.add((device, method))
 
 
@@ -229,7 +239,7 @@ def renderer_for(device: str) -> Renderer:
     """The renderer of final renders for a device; changing the device frees the one before. Imports Warp."""
     if device not in _renderers:
         free_renderer()
-        _keep_kernels_in_extension_folder()
+        keep_kernels_in_extension_folder()
         _renderers[device] = raster_renderer(device)
     return _renderers[device]
 
@@ -260,23 +270,6 @@ def free() -> None:
     device = sys.modules.get(f"{str(__package__).rpartition('.')[0]}.engine.device")
     if device is not None:  # else Warp was never imported; not only renders launch, editing does, too
         device.close_pools()
-
-
-def _keep_kernels_in_extension_folder() -> None:
-    """Tells Warp, before its first import, to keep compiled kernels in the extension's own user folder.
-
-    A user's own setting wins. When Stipple is not installed as an extension (a checkout, the tests) Warp's usual
-    cache is used.
-    """
-    if CACHE_VARIABLE in os.environ:
-        return
-    package = (__package__ or "").rpartition(".")[0]
-    try:
-        folder = bpy.utils.extension_path_user(package, path=KERNEL_FOLDER, create=True)
-    except ValueError:
-        return
-    if folder:
-        os.environ[CACHE_VARIABLE] = folder
 
 
 @persistent

@@ -11,6 +11,7 @@ import importlib
 import pkgutil
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from types import ModuleType
 
 import warp as wp
@@ -22,16 +23,24 @@ EDITING = "edit"  # stands for what edits need, as the name of a method does for
 CUDA_ONLY = "_cuda"  # how the name of a module ends whose kernels no CPU runs
 
 
-def load_kernels(device: wp.Device, method: str, progress: Callable[[float, str], None]) -> None:
+def load_kernels(
+    device: wp.Device,
+    method: str,
+    progress: Callable[[float, str], None],
+    turn: Callable[[], AbstractContextManager[None]] = nullcontext,
+) -> None:
     """Compiles what is not in Warp's cache and loads the rest; does nothing for modules that are loaded.
 
-    `progress(fraction, text)` is called before each module and may raise `Cancelled`.
+    `progress(fraction, text)` is called before each module and may raise `Cancelled`. Each module is loaded inside
+    `turn()`, so that hosts can let others launch between two.
     """
     modules = kernel_modules(method, device.is_cuda)
     for index, module in enumerate(modules):
         progress(index / len(modules), f"preparing kernels {index + 1}/{len(modules)}, slow only the first time")
-        wp.load_module(module, device=device)
-    wp.load_module(light, device="cpu")  # where hosts turn every device's pictures into light
+        with turn():
+            wp.load_module(module, device=device)
+    with turn():
+        wp.load_module(light, device="cpu")  # where hosts turn every device's pictures into light
 
 
 def kernel_modules(method: str, cuda: bool) -> list[ModuleType]:

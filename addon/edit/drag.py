@@ -12,8 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..view_camera import view_of
+from .kernels import check_ready
 from .mode import Reported, edited_object
-from .operator import redraw, session_in, world_from_object
+from .operator import device_of, redraw, session_in, world_from_object
 from .preview import end_preview, show_preview
 
 DIGITS = {
@@ -36,6 +37,7 @@ class DragOperator:
         with Reported(self):
             from ...engine.edit.transform import TransformDrag
 
+            check_ready(device_of(context))
             self._session = session_in(context)
             self._pivot = self.pivot_of(context, self._session)  # type: ignore[attr-defined]
             self._camera = view_of(context, context.scene).camera()
@@ -155,7 +157,7 @@ class DragOperator:
         done = False
         with Reported(self):
             try:
-                step = None if cancelled else self._drag.finish()
+                step = None if cancelled else self._drag.finish(keep_values=True)
                 if cancelled:
                     self._drag.cancel()
                 done = step is not None and self._session.commit(b_data, step, done=True)

@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 
 from bpy.props import BoolProperty
 
+from .kernels import check_ready
 from .mode import Reported
-from .operator import session_in
+from .operator import device_of, session_in
 from .overlay import Overlay, draw_lines
 
 
@@ -31,6 +32,7 @@ class GestureOperator:
         if context.region is None or context.region_data is None:
             return self.execute(context)  # type: ignore[attr-defined]
         with Reported(self):
+            check_ready(device_of(context))
             session_in(context)  # says now what is wrong, and makes ready
             self._points = [] if self.wait_for_input else [_place(event)]
             self._overlay = Overlay(context, lambda: draw_lines(self._corners()))

@@ -20,7 +20,7 @@ from ..linked_capture import is_linked
 from ..linked_edits import found_edits
 from ..point_rows import check_points_only, replace_points
 from ..splat_data import POINT_TYPES, is_capture, splat_count_of, states_of, usable_rows, write_states
-from . import session
+from . import kernels, session
 
 MARK = "stipple_editing"
 log = logging.getLogger(__package__)
@@ -59,6 +59,10 @@ class STIPPLE_OT_edit_mode_toggle(bpy.types.Operator):
                 if is_linked(b_object.data):
                     found_edits(b_object.data, b_object.name)  # says now what is wrong with them
                 setattr(b_object, MARK, True)
+                if not bpy.app.background:
+                    from ..sync import DEVICE  # which imports this module
+
+                    kernels.begin(DEVICE[context.scene.stipple.device])
             b_object.data.update_tag()  # viewports show flags or no longer do
             return {"FINISHED"}
         return {"CANCELLED"}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import sync
+from .kernels import check_ready
 from .mode import Reported, edited_object
 from .session import EditSession, session_of
 
@@ -38,6 +39,12 @@ class SplatOperator:
             return False
         return True
 
+    def invoke(self, context: Any, event: Any) -> set[str]:
+        with Reported(self):
+            check_ready(device_of(context))
+            return self.execute(context)
+        return {"CANCELLED"}
+
     def execute(self, context: Any) -> set[str]:
         with Reported(self):
             session = session_in(context)
@@ -58,7 +65,12 @@ class SplatOperator:
 def session_in(context: Any) -> EditSession:
     """The session of the edited capture. Raises StippleError."""
     with busy(context) as progress:
-        return session_of(edited_object(context), sync.DEVICE[context.scene.stipple.device], progress)
+        return session_of(edited_object(context), device_of(context), progress)
+
+
+def device_of(context: Any) -> str:
+    """What the scene's edits run on."""
+    return sync.DEVICE[context.scene.stipple.device]
 
 
 @contextmanager

@@ -10,7 +10,9 @@ import numpy as np
 from ...engine.errors import StippleError
 from .. import residency, sync
 from ..view_camera import view_of
+from .kernels import check_ready
 from .mode import Reported
+from .operator import device_of
 from .overlay import Overlay, draw_circle, draw_lines
 from .visible import Picker
 
@@ -24,6 +26,7 @@ class PairsOperator:
         if context.region is None or context.region_data is None:
             return self.execute(context)  # type: ignore[attr-defined]
         with Reported(self):
+            check_ready(device_of(context))
             scene, _ = sync.scene_from_depsgraph(context.evaluated_depsgraph_get(), residency.clouds)
             own = tuple(one for one in scene.instances if one.name == context.object.name)
             others = tuple(one for one in scene.instances if one.name != context.object.name)

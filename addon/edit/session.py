@@ -21,13 +21,13 @@ from ...engine.errors import StippleError
 from ...engine.scene import Instance, SplatStates
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from .. import residency
+from ..content_keys import attributes_of, key_after, key_of
 from ..linked_capture import is_linked
 from ..point_rows import Rows, check_points_only, replace_points
 from ..sequence import plays
 from ..splat_data import (
     cloud_from_datablock,
     is_capture,
-    key_of,
     splat_count_of,
     states_of,
     write_arrays,
@@ -105,13 +105,15 @@ class EditSession:
         changed = {name for name in now if now[name] != self._written[name]}
         if sources is not None:
             before = np.arange(splat_count_of(b_data))
-            replace_points(b_data, np.concatenate([before, sources]), self.name)
+            rows = np.concatenate([before, sources])
+            replace_points(b_data, rows, self.name, attributes_of(changed, self.cloud.rest_count))
         write_arrays(b_data, cloud, changed)
         if "state" in changed:
             write_states(b_data, self.states())
         self._written = dict(now)
         if changed - {"state"}:
-            self._key = key_of(b_data, self.name)
+            self._key = key_after(self._key, b_data, self.name, changed)
+            residency.clouds.know(self._key, cloud)
 
     def _write_back(self, b_data: Any) -> None:
         """After a failed writing, once the step is reverted."""

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..view_camera import view_of
+from .kernels import check_ready
 from .mode import Reported, edited_object
-from .operator import redraw, session_in
+from .operator import device_of, redraw, session_in
 from .overlay import Overlay, draw_circle
 from .preview import end_preview, show_preview
 from .session import EditSession
@@ -55,6 +56,7 @@ class StrokeOperator:
         if context.region is None or context.region_data is None:
             return self.execute(context)  # type: ignore[attr-defined]
         with Reported(self):
+            check_ready(device_of(context))
             self._session, self._down, self._changed = session_in(context), False, False
             self._mouse = self._last = np.array([event.mouse_region_x, event.mouse_region_y], float)
             self.engine_camera = view_of(context, context.scene).camera()

@@ -74,6 +74,31 @@ class STIPPLE_OT_select_less(SpreadOperator, bpy.types.Operator):
         return shrink(session.cloud, self.of_spacing(context, session), world_from_object(context))
 
 
+class FlagOperator(SplatOperator):
+    """Flips a flag: `function` is what does it in `engine.edit.flags`."""
+
+    function: str
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit import flags
+
+        return getattr(flags, self.function)(session.cloud)
+
+
+class FlagOfSelection(SplatOperator):
+    """As `FlagOperator`, of what is selected or what is not."""
+
+    function: str
+    unselected: BoolProperty(  # type: ignore[valid-type]
+        name="Unselected", description="Those that are not selected instead", default=False
+    )
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit import flags
+
+        return getattr(flags, self.function)(session.cloud, self.unselected)
+
+
 class STIPPLE_OT_delete(SplatOperator, bpy.types.Operator):
     """Delete the selected splats; until Edit Splats is left they can be restored"""
 
@@ -89,70 +114,44 @@ class STIPPLE_OT_delete(SplatOperator, bpy.types.Operator):
         return keep_only(session.cloud) if self.unselected else delete(session.cloud)
 
 
-class STIPPLE_OT_restore(SplatOperator, bpy.types.Operator):
+class STIPPLE_OT_restore(FlagOperator, bpy.types.Operator):
     """Bring back all splats deleted since Edit Splats was entered"""
 
     bl_idname = "stipple.restore"
     bl_label = "Restore Deleted Splats"
-
-    def step(self, context: Any, session: EditSession) -> Any:
-        from ...engine.edit.flags import restore
-
-        return restore(session.cloud)
+    function = "restore"
 
 
-class STIPPLE_OT_hide(SplatOperator, bpy.types.Operator):
+class STIPPLE_OT_hide(FlagOfSelection, bpy.types.Operator):
     """Hide the selected splats while editing"""
 
     bl_idname = "stipple.hide"
     bl_label = "Hide Splats"
-    unselected: BoolProperty(  # type: ignore[valid-type]
-        name="Unselected", description="Hide what is not selected", default=False
-    )
-
-    def step(self, context: Any, session: EditSession) -> Any:
-        from ...engine.edit.flags import hide
-
-        return hide(session.cloud, self.unselected)
+    function = "hide"
 
 
-class STIPPLE_OT_reveal(SplatOperator, bpy.types.Operator):
+class STIPPLE_OT_reveal(FlagOperator, bpy.types.Operator):
     """Show all hidden splats"""
 
     bl_idname = "stipple.reveal"
     bl_label = "Reveal Splats"
-
-    def step(self, context: Any, session: EditSession) -> Any:
-        from ...engine.edit.flags import reveal
-
-        return reveal(session.cloud)
+    function = "reveal"
 
 
-class STIPPLE_OT_lock(SplatOperator, bpy.types.Operator):
+class STIPPLE_OT_lock(FlagOfSelection, bpy.types.Operator):
     """Protect the selected splats from every edit"""
 
     bl_idname = "stipple.lock"
     bl_label = "Lock Splats"
-    unselected: BoolProperty(  # type: ignore[valid-type]
-        name="Unselected", description="Lock what is not selected", default=False
-    )
-
-    def step(self, context: Any, session: EditSession) -> Any:
-        from ...engine.edit.flags import lock
-
-        return lock(session.cloud, self.unselected)
+    function = "lock"
 
 
-class STIPPLE_OT_unlock(SplatOperator, bpy.types.Operator):
+class STIPPLE_OT_unlock(FlagOperator, bpy.types.Operator):
     """Let all locked splats be edited again"""
 
     bl_idname = "stipple.unlock"
     bl_label = "Unlock Splats"
-
-    def step(self, context: Any, session: EditSession) -> Any:
-        from ...engine.edit.flags import unlock
-
-        return unlock(session.cloud)
+    function = "unlock"
 
 
 CLASSES = (

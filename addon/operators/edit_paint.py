@@ -11,8 +11,9 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, FloatVectorProperty
 
 from ...engine.errors import StippleError
+from ..edit.kernels import check_ready
 from ..edit.mode import Reported, edited_object
-from ..edit.operator import SplatOperator, redraw, session_in, world_from_object
+from ..edit.operator import SplatOperator, device_of, redraw, session_in, world_from_object
 from ..edit.properties import BRUSH_MODES, FALLOFFS
 from ..edit.session import EditSession
 from ..edit.stroke import StrokeOperator
@@ -192,6 +193,7 @@ def pick_under(context: Any, event: Any) -> Any:
     """The splat of the edited capture that is seen under the cursor, by its number there; None where there is none."""
     from ..view_camera import view_of
 
+    check_ready(device_of(context))
     session = session_in(context)
     picker = Picker.of_session(context, session, view_of(context, context.scene).camera())
     found = picker.pick(event.mouse_region_x, event.mouse_region_y)

@@ -28,7 +28,8 @@ class TransformOperator(SplatOperator):
         from ...engine.edit.transform import transform
 
         matrix = self.matrix(self.pivot_of(context, session))
-        return transform(session.cloud, matrix, world_from_object(context), name=self.bl_label)  # type: ignore[attr-defined]
+        placed, name = world_from_object(context), self.bl_label  # type: ignore[attr-defined]
+        return transform(session.cloud, matrix, placed, name=name, keep_values=True)
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
         raise NotImplementedError

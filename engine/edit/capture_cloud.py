@@ -21,7 +21,7 @@ from .mask import EDIT_LESS, Mask
 from .paint_layer import OpacityDiff, PaintDiff
 from .rows import no_rows, row_of
 from .step import FlagDiff, Step
-from .transform_diff import TransformDiff
+from .transform_diff import KeptDiff, TransformDiff
 
 wp.set_module_options({"enable_backward": False})
 
@@ -166,7 +166,7 @@ class CaptureCloud(EditableCloud):
         if any(isinstance(diff, FlagDiff) for diff in step.diffs):
             edits = edits.with_states(self.state.numpy())
         for diff in step.diffs:
-            if isinstance(diff, TransformDiff):
+            if isinstance(diff, TransformDiff | KeptDiff):
                 edits = edits.moved(diff.which.indices().numpy(), diff.matrix)
             elif isinstance(diff, PaintDiff):
                 edits = self._painted(edits, diff.rows.numpy())

@@ -11,11 +11,10 @@ from ..splats import SplatCloud
 from .affine import Matrix, checked, in_object_space
 from .editable_cloud import EditableCloud
 from .mask import Mask
-from .paint_layer import show_harmonics
 from .rows import copy_rows, no_rows, scratch_rows
 from .selection import selected_or_refuse
 from .step import Step
-from .transform_diff import transform_diff
+from .transform_diff import KeptDiff, kept_diff, show_mapped, transform_diff
 from .transform_kernels import SplatMap
 
 
@@ -25,18 +24,21 @@ def transform(
     world_from_object: npt.ArrayLike | None = None,
     which: Mask | None = None,
     name: str = "Transform",
+    keep_values: bool = False,
 ) -> Step:
     """The step that maps the selection, or of `which` what is shown and unlocked, by `new_from_old` (3, 4, world).
 
     Exact for rotation, uniform scale, mirroring and translation, to the rounding of float32. Uneven scale and shear are
     exact for means and shapes; view-dependent colour then follows the rotation next to the map. `affine` makes maps
-    about a pivot. Undo restores every bit.
+    about a pivot. Undo restores every bit. With `keep_values` the step holds the old values themselves (`KeptDiff`).
 
     Raises StippleError when nothing is selected, a matrix flattens, or memory runs out.
     """
     matrix = in_object_space(checked(new_from_old, f"{cloud.name}: the transform"), world_from_object)
     chosen = selected_or_refuse(cloud, "transform") if which is None else which & cloud.selectable()
     forward = splat_map(cloud, matrix)
+    if keep_values:
+        return Step(name, (kept_diff(cloud, forward, chosen),), chosen.count())
     rows = chosen.indices()
     old = {part: cloud.array(part) for part in forward.parts}
     return Step(name, (transform_diff(cloud, forward, chosen, old, rows),), int(rows.size))
@@ -75,13 +77,16 @@ class TransformDrag:
             changed |= set(self._last.parts)
         forward.run(self._rows.size, self._all, self._old, self._rows, targets)
         self._last = forward
-        self._show(changed)
+        show_mapped(self._cloud, changed, self._rows)
 
-    def finish(self) -> Step | None:
+    def finish(self, keep_values: bool = False) -> Step | None:
+        """`keep_values` as `transform` has it: the copy goes into the step, and there is nothing to work out."""
         if self._last is None or np.array_equal(self._last.matrix, np.eye(3, 4)):
             self.cancel()
             return None
         old = {part: self._old[part] for part in self._last.parts}
+        if keep_values:
+            return Step(self._name, (KeptDiff(self._last, self._which, old),), int(self._rows.size))
         try:
             diff = transform_diff(self._cloud, self._last, self._which, old, self._all)
         except BaseException:
@@ -92,17 +97,12 @@ class TransformDrag:
     def cancel(self) -> None:
         if self._last is not None:
             self._put_back()
-            self._show(set(self._old))
+            show_mapped(self._cloud, set(self._old), self._rows)
             self._last = None
 
     def _put_back(self) -> None:
         targets = {part: self._cloud.array(part) for part in self._old}
         copy_rows(self._rows.size, self._all, self._old, self._rows, targets)
-
-    def _show(self, parts: set[str]) -> None:
-        self._cloud.touched(*parts)
-        if "base_rest" in parts:
-            show_harmonics(self._cloud, self._rows)
 
 
 def splat_map(cloud: EditableCloud, matrix: Matrix) -> SplatMap:

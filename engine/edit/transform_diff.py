@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import warp as wp
@@ -14,7 +15,7 @@ from .editable_cloud import EditableCloud
 from .lossless import Distances, deflate, inflate, join, split
 from .mask import EDIT_LESS, Mask
 from .paint_layer import show_harmonics
-from .rows import Arrays, as_columns, no_rows, scratch_rows
+from .rows import Arrays, as_columns, copy_rows, no_rows, scratch_rows
 from .transform_kernels import SplatMap
 
 BLOCK = 1 << 14  # splats whose distances are deflated together
@@ -42,7 +43,7 @@ class TransformDiff:
         rows, forward = self.which.indices(), self._map(cloud)
         arrays = {name: cloud.writable(name) for name in self.parts}
         forward.run(rows.size, rows, arrays, rows, arrays)
-        self._show(cloud, rows)
+        show_mapped(cloud, self.parts, rows)
 
     def revert(self, cloud: EditableCloud) -> None:
         rows, forward = self.which.indices(), self._map(cloud)
@@ -63,15 +64,61 @@ class TransformDiff:
         except BaseException:
             forward.run(done, rows[:done], arrays, rows[:done], arrays)
             raise
-        self._show(cloud, rows)
+        show_mapped(cloud, self.parts, rows)
 
     def _map(self, cloud: EditableCloud) -> SplatMap:
         return SplatMap(self.matrix, cloud.sh_degree, cloud.device)
 
-    def _show(self, cloud: EditableCloud, rows: wp.array) -> None:
-        cloud.touched(*self.parts)
-        if "base_rest" in self.parts:
-            show_harmonics(cloud, rows)
+
+@dataclass(frozen=True, eq=False)
+class KeptDiff:
+    """An affine map of a set of splats, and the old values as they are.
+
+    Takes 220 bytes a turned splat of degree 3 where `TransformDiff` takes 14, and a third of the time: for hosts that
+    have an undo of their own and revert only what they could not write.
+    """
+
+    forward: SplatMap
+    which: Mask
+    old: Arrays  # a row for each splat of `which`, in order
+
+    @property
+    def matrix(self) -> Matrix:
+        """(3, 4), new from old in object space."""
+        return self.forward.matrix
+
+    @property
+    def nbytes(self) -> int:
+        return self.which.nbytes + self.matrix.nbytes + sum(array.capacity for array in self.old.values())
+
+    def apply(self, cloud: EditableCloud) -> None:
+        rows = self.which.indices()
+        arrays = {name: cloud.writable(name) for name in self.forward.parts}
+        self.forward.run(rows.size, no_rows(cloud.device), self.old, rows, arrays)
+        show_mapped(cloud, self.forward.parts, rows)
+
+    def revert(self, cloud: EditableCloud) -> None:
+        rows = self.which.indices()
+        arrays = {name: cloud.writable(name) for name in self.forward.parts}
+        kept = {name: self.old[name] for name in self.forward.parts}
+        copy_rows(rows.size, no_rows(cloud.device), kept, rows, arrays)
+        show_mapped(cloud, self.forward.parts, rows)
+
+
+def show_mapped(cloud: EditableCloud, parts: Collection[str], rows: wp.array) -> None:
+    """Some attributes of the splats `rows` were mapped: say so, and let painted harmonics follow."""
+    cloud.touched(*parts)
+    if "base_rest" in parts:
+        show_harmonics(cloud, rows)
+
+
+def kept_diff(cloud: EditableCloud, forward: SplatMap, which: Mask) -> KeptDiff:
+    """The diff of mapping the splats `which`. Changes nothing. Raises StippleError when memory runs out."""
+    rows = which.indices()
+    arrays = {name: cloud.array(name) for name in forward.parts}
+    old = scratch_rows(arrays, rows.size, cloud.device, "a transform")
+    copy_rows(rows.size, rows, arrays, no_rows(cloud.device), old)
+    return KeptDiff(forward, which, old)
 
 
 def transform_diff(

@@ -10,17 +10,18 @@ import bpy
 import numpy as np
 import pytest
 
+from stipple.addon.content_keys import key_after, key_of
 from stipple.addon.splat_data import (
     BASE,
     cloud_from_datablock,
     datablock_from_cloud,
     is_capture,
-    key_of,
     splat_count_of,
+    write_arrays,
     write_attribute,
 )
 from stipple.engine.errors import StippleError
-from stipple.engine.splats import SplatCloud
+from stipple.engine.splats import ARRAY_NAMES, SplatCloud
 
 from .captures import add_capture, assert_same_cloud, random_cloud
 
@@ -181,6 +182,18 @@ def test_key_follows_the_content() -> None:
     assert key_of(b_data, "a") == key_of(b_data.copy(), "b")
     cloud.opacity[7] = np.nextafter(cloud.opacity[7], np.float32(0))
     assert key_of(b_data, "a") != key_of(datablock_from_cloud(cloud, "c"), "c")
+
+
+@pytest.mark.parametrize("name", ARRAY_NAMES)
+def test_a_key_may_be_brought_up_to_date(name: str) -> None:
+    """Where it is known what was written, only that is read: as if all were."""
+    cloud = random_cloud(degree=1)
+    b_data = datablock_from_cloud(cloud, "a")
+    key = key_of(b_data, "a")
+    getattr(cloud, name)[3] *= np.float32(0.5)
+    write_arrays(b_data, cloud, {name})
+    assert key_after(key, b_data, "a", {name}) == key_of(b_data, "a") != key
+    assert key_after(key, b_data, "a", ()) == key
 
 
 def test_an_ordinary_mesh_is_no_capture() -> None:

@@ -11,11 +11,12 @@ import pytest
 from stipple.engine.edit import flags
 from stipple.engine.edit.affine import composed, mirroring, rotation, scaling, translation
 from stipple.engine.edit.brush import FALLOFFS, MODES, Brush
+from stipple.engine.edit.clean_up import find_faint, find_floaters, find_outside, find_oversized
 from stipple.engine.edit.duplicate import CloneStroke, append_cloud, duplicate, separate
 from stipple.engine.edit.editable_cloud import EditableCloud
 from stipple.engine.edit.history import History
-from stipple.engine.edit.match_screen import match_circle, match_polygon, match_rectangle
-from stipple.engine.edit.match_space import match_half_space, match_sphere
+from stipple.engine.edit.match_screen import match_circle, match_depth, match_polygon, match_rectangle
+from stipple.engine.edit.match_space import match_box, match_half_space, match_sphere
 from stipple.engine.edit.match_values import match_colour, match_opacity, match_size
 from stipple.engine.edit.neighbours import grow, match_connected, match_sparse, shrink
 from stipple.engine.edit.paint_stroke import PaintStroke
@@ -49,18 +50,25 @@ def some_map(rng: np.random.Generator) -> np.ndarray:
 
 def do_select(history: History, rng: np.random.Generator) -> None:
     cloud, camera = history.cloud, front_camera()
-    match = [
+    matches = [
         lambda: match_sphere(cloud, some_place(rng), rng.uniform(0.5, 2)),
         lambda: match_circle(cloud, camera, rng.uniform([0, 0], [64, 48]), rng.uniform(3, 20), bool(rng.integers(2))),
         lambda: match_rectangle(cloud, camera, rng.uniform(0, 30, 2), rng.uniform(30, 64, 2)),
         lambda: match_polygon(cloud, camera, rng.uniform([0, 0], [64, 48], (5, 2))),
+        lambda: match_depth(cloud, camera, rng.uniform(0, 4), rng.uniform(4, 8)),
+        lambda: match_box(cloud, scaling(rng.uniform(0.3, 1.5, 3), some_place(rng))),
         lambda: match_half_space(cloud, some_place(rng), rng.normal(size=3)),
         lambda: match_colour(cloud, rng.uniform(0, 1, 3), 0.2),
         lambda: match_opacity(cloud, rng.uniform(0, 0.8)),
         lambda: match_size(cloud, rng.uniform(0, 0.4)),
         lambda: match_sparse(cloud, rng.uniform(0.1, 0.6)),
         lambda: match_connected(cloud, match_opacity(cloud, 0.95), rng.uniform(0.05, 0.3)),
-    ][rng.integers(10)]()
+        lambda: find_floaters(cloud, rng.uniform(1, 4)),
+        lambda: find_oversized(cloud, rng.uniform(0.05, 0.4)),
+        lambda: find_faint(cloud, rng.uniform(0, 0.5)),
+        lambda: find_outside(cloud, scaling(rng.uniform(0.3, 1.5, 3), some_place(rng))),
+    ]
+    match = matches[rng.integers(len(matches))]()
     history.do(select(cloud, match, rng.choice(SELECT_MODES)))
 
 
@@ -77,7 +85,7 @@ def do_stroke(history: History, rng: np.random.Generator) -> None:
             str(rng.choice(FALLOFFS)),
             bool(rng.integers(2)),
         )
-        stroke = PaintStroke(cloud, brush)
+        stroke = PaintStroke(cloud, brush, within=cloud.selection() if rng.integers(4) == 0 else None)
         for _ in range(3):
             stroke.dab(some_place(rng), rng.uniform(0.5, 2), bool(rng.integers(2)))
     elif kind == 1 and cloud.splat_count < MOST:
@@ -102,7 +110,10 @@ def do_stroke(history: History, rng: np.random.Generator) -> None:
 
 def do_flags(history: History, rng: np.random.Generator) -> None:
     operations = [flags.delete, flags.hide, flags.lock, flags.restore, flags.reveal, flags.unlock, flags.restore]
-    history.do(operations[rng.integers(7)](history.cloud))
+    if rng.integers(8) == 0:
+        history.do(flags.keep_only(history.cloud))
+    else:
+        history.do(operations[rng.integers(7)](history.cloud))
 
 
 def do_counts(history: History, rng: np.random.Generator) -> None:
@@ -130,7 +141,7 @@ def operate(history: History, seed: int) -> None:
         elif kind < 8:
             do_flags(history, rng)
         elif kind == 8:
-            history.do(transform(history.cloud, some_map(rng)))
+            history.do(transform(history.cloud, some_map(rng), keep_values=bool(rng.integers(2))))
         elif kind < 11:
             do_stroke(history, rng)
         else:

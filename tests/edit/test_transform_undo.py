@@ -42,14 +42,15 @@ MAPS = {
 }
 
 
+@pytest.mark.parametrize("keep_values", [False, True])
 @pytest.mark.parametrize("sh_degree", [0, 1, 4])
 @pytest.mark.parametrize("name", MAPS)
-def test_undo_restores_every_bit(make_cloud: Clouds, name: str, sh_degree: int) -> None:
+def test_undo_restores_every_bit(make_cloud: Clouds, name: str, sh_degree: int, keep_values: bool) -> None:
     cloud = make_cloud(3000, 1, sh_degree)
     history = History(cloud)
     history.do(select(cloud, match_opacity(cloud, 0.3)))
     before = every_byte(cloud)
-    step = transform(cloud, MAPS[name])
+    step = transform(cloud, MAPS[name], keep_values=keep_values)
     assert_same(cloud, before)
     history.do(step)
     after = every_byte(cloud)
@@ -176,8 +177,7 @@ def test_a_drag_follows_the_mouse_and_is_one_step(make_cloud: Clouds) -> None:
     history = History(cloud)
     history.do(select(cloud, match_opacity(cloud, 0.5)))
     before = every_byte(cloud)
-    direct = transform(cloud, MAPS["rotation"])
-    history.do(direct)
+    history.do(direct := transform(cloud, MAPS["rotation"]))
     wanted = every_byte(cloud)
     history.undo()
     drag = TransformDrag(cloud)
@@ -203,6 +203,22 @@ def test_a_drag_follows_the_mouse_and_is_one_step(make_cloud: Clouds) -> None:
     drag.cancel()
     assert_same(cloud, before)
     assert TransformDrag(cloud).finish() is None
+
+
+def test_a_drag_may_keep_the_old_values(make_cloud: Clouds) -> None:
+    cloud = make_cloud(500, 1, 2)
+    history = History(cloud)
+    history.do(select(cloud, match_opacity(cloud, 0.5)))
+    before = every_byte(cloud)
+    drag = TransformDrag(cloud)
+    drag.update(MAPS["rotation"])
+    after = every_byte(cloud)
+    history.record(drag.finish(keep_values=True))
+    for _ in range(2):
+        assert_same(cloud, after)
+        history.undo()
+        assert_same(cloud, before)
+        history.redo()
 
 
 def test_pivots(make_cloud: Clouds) -> None:
