@@ -130,10 +130,12 @@ class RaysViewportSession(ViewportSession):
             from ..engine.rays.order import find_order
             from ..engine.timing import StageTimer
 
-            # The coarsest picture's pixels are the largest, and with them the reach of a splat's filter.
+            # One order for pictures of all sizes: a splat's filter reaches farthest in the coarsest one's pixels, and
+            # takes the least opacity away in the finest one's.
             camera = aim.view.camera(COARSEST)
             timer, progress = StageTimer(renderer.device), self._saying(self._unless_ended(interrupted))
-            order = find_order(renderer.shot(aim.scene, camera, aim.settings, timer, progress))
+            shot = renderer.shot(aim.scene, camera, aim.settings, timer, progress)
+            order = find_order(shot, finest_px=1.0 / COARSEST)
             with self._ordered:
                 self._order = (aim, order)
                 self._ordered.notify_all()

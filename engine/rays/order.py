@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which splats to draw, and in which order.
 
-Whole quads are culled here, by their means' depth and by a sphere around their support; the shaders clip none (RayGS,
-section 4.1, "A note on near plane clipping"). The radix sort is stable, so equal depths keep the order instance, splat.
+Splats that no ray of the window meets are left out (`support`), and what is left is sorted by its means' depth (RayGS,
+Eq. 1). The radix sort is stable, so equal depths keep the order instance, splat.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,14 +15,15 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from ..camera import Camera
 from ..device import launch
 from ..device_cloud import DeviceCloud, read_splat
-from ..device_look import dressed, opaque_from
+from ..device_look import dressed
 from ..edit.state import NOT_SELECTABLE, SELECTED
+from ..errors import StippleError
 from ..maths.projection import DEPTH_KEY_BITS, Pose, View, depth_key, make_view
 from ..settings import Settings
 from ..splats import SplatCloud
+from .support import Deformation, Frustum, make_deformation, make_frustum, may_be_met
 
 if TYPE_CHECKING:
     from ..shot import Shot
@@ -30,6 +32,7 @@ wp.set_module_options({"enable_backward": False})
 
 HIDDEN = wp.constant((1 << DEPTH_KEY_BITS) - 1)  # after every depth key
 LEAST_ALPHA_MIN = 1e-6  # of p_min, which must not be 0: every support would be everywhere
+MOST_PLACED = (1 << 30) - 1  # the radix sort counts twice as many in 32 bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,63 +51,6 @@ class DrawOrder:
         return len(self.splat)
 
 
-@wp.struct
-class Frustum:
-    """Planes n · p + d >= 0 in camera space, |n| = 1, through the window's left, right, top and bottom edge."""
-
-    left: wp.vec4
-    right: wp.vec4
-    top: wp.vec4
-    bottom: wp.vec4
-
-
-def make_frustum(camera: Camera) -> Frustum:
-    x, y, width, height = camera.rendered_window
-    orthographic = camera.projection == "orthographic"
-    edges = (
-        (0, 1.0, (x - camera.cx) / camera.fx),
-        (0, -1.0, (x + width - camera.cx) / camera.fx),
-        (1, 1.0, (y - camera.cy) / camera.fy),
-        (1, -1.0, (y + height - camera.cy) / camera.fy),
-    )
-    planes = []
-    for axis, sign, slope in edges:
-        plane = np.zeros(4)
-        plane[axis] = sign
-        plane[3 if orthographic else 2] = -sign * slope
-        planes.append(wp.vec4(*(plane / np.linalg.norm(plane[:3]))))
-    frustum = Frustum()
-    frustum.left, frustum.right, frustum.top, frustum.bottom = planes
-    return frustum
-
-
-@wp.func
-def beyond(plane: wp.vec4, p: wp.vec3) -> wp.float32:
-    return plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3]
-
-
-@wp.func
-def may_be_met(view: View, frustum: Frustum, pose: Pose, p: wp.vec3, scale: wp.vec3, opacity: wp.float32) -> wp.bool:
-    """False only for splats whose support no ray of the window meets.
-
-    A ray of the support passes within √κ standard deviations of the mean (§3), so within that sphere; κ is taken
-    before Eq. 17 lowers it. NaN fails every comparison and is never seen.
-    """
-    if not (p[2] > view.near and p[2] < view.far and opacity > view.alpha_min):
-        return False
-    prior = wp.where(opacity >= opaque_from, opacity, wp.min(opacity, 1.0))
-    kappa = 2.0 * wp.log(prior / view.alpha_min)
-    sigma = wp.max(scale) * wp.sqrt(wp.ddot(pose.linear, pose.linear))
-    depth = wp.where(view.orthographic != 0, 1.0, p[2])
-    pixel2 = pose.look.dilation_px2 / (view.focal_px[0] * view.focal_px[1]) * depth * depth
-    radius = wp.sqrt(kappa) * (sigma + wp.sqrt(pixel2)) * 1.001
-    inside = wp.min(
-        wp.min(beyond(frustum.left, p), beyond(frustum.right, p)),
-        wp.min(beyond(frustum.top, p), beyond(frustum.bottom, p)),
-    )
-    return inside > -radius
-
-
 @wp.kernel
 def find_keys_kernel(
     first: wp.int32,
@@ -112,6 +58,7 @@ def find_keys_kernel(
     view: View,
     frustum: Frustum,
     pose: Pose,
+    deformation: Deformation,
     offset: wp.int32,
     keys: wp.array(dtype=wp.int32),
     placements: wp.array(dtype=wp.int32),
@@ -120,7 +67,7 @@ def find_keys_kernel(
     splat = dressed(read_splat(cloud, i), pose.look)
     p = pose.linear * splat.position + pose.translation
     key = int(HIDDEN)
-    if may_be_met(view, frustum, pose, p, splat.scale, splat.opacity):
+    if may_be_met(view, frustum, pose, deformation, cloud, i, p, splat):
         key = int(depth_key(p[2], view))
     keys[offset + i] = key
     placements[offset + i] = offset + i
@@ -138,30 +85,52 @@ def order_key(shot: Shot) -> tuple[object, ...]:
         (i.cloud, i.states, np.asarray(i.world_from_object, np.float64).tobytes(), i.look.visibility)
         for i in shot.scene.instances
     )
+    modulated = tuple(bool(pose.look.antialiased) for pose in shot.poses)
     lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far, camera.projection)
-    cut = (least_opacity(settings), settings.dilation_px2, settings.point_scale, settings.ray_order, settings.storage)
-    return placed, np.asarray(camera.camera_from_world).tobytes(), lens, camera.rendered_window, cut
+    cut = (least_opacity(settings), settings.dilation_px2, modulated, settings.point_scale)
+    laid = (settings.ray_order, settings.storage)
+    return placed, np.asarray(camera.camera_from_world).tobytes(), lens, camera.rendered_window, cut, laid
 
 
-def find_order(shot: Shot) -> DrawOrder:
-    """What the camera may see: farthest mean first, or in the scene's order for stochastic rays. Reads keys back."""
-    offsets = np.concatenate([[0], np.cumsum([cloud.splat_count for cloud in shot.clouds], dtype=np.int64)])
-    total, buffers = int(offsets[-1]), shot.buffers
+def first_places(splat_counts: Sequence[int]) -> npt.NDArray[np.int64]:
+    """(I + 1,) where each instance's splats begin when all are counted through, and how many there are.
+
+    Raises StippleError for more than can be sorted, before anything is allocated.
+    """
+    places = np.concatenate([[0], np.cumsum(splat_counts, dtype=np.int64)]).astype(np.int64)
+    if places[-1] > MOST_PLACED:
+        raise StippleError(
+            f"rays: the scene's instances have {places[-1]:,} splats together and {MOST_PLACED:,} can be put in order; "
+            "show fewer instances, or choose the points method."
+        )
+    return places
+
+
+def find_order(shot: Shot, finest_px: float = 1.0) -> DrawOrder:
+    """What the camera may see: farthest mean first, or in the scene's order for stochastic rays. Reads keys back.
+
+    The order also serves cameras with the same view and finer pixels, down to `finest_px` times the size of this one's.
+    Raises StippleError where the instances have too many splats together.
+    """
+    offsets, buffers = first_places([cloud.splat_count for cloud in shot.clouds]), shot.buffers
+    total = int(offsets[-1])
     keys = buffers.array("rays_keys", wp.int32, 2 * total)  # the radix sort needs twice the room
     placements = buffers.array("rays_placements", wp.int32, 2 * total)
     view = make_view(shot.camera, replace(shot.settings, alpha_min=least_opacity(shot.settings)))
-    frustum = make_frustum(shot.camera)
-    for cloud, pose, offset in zip(shot.clouds, shot.poses, offsets[:-1], strict=True):
-        inputs = [cloud, view, frustum, pose, int(offset), keys, placements]
+    frustum = make_frustum(shot.camera, finest_px)
+    placed = zip(shot.clouds, shot.poses, shot.scene.instances, offsets[:-1], strict=True)
+    for cloud, pose, instance, offset in placed:
+        deformation = make_deformation(shot.camera, np.asarray(instance.world_from_object, np.float64))
+        inputs = [cloud, view, frustum, pose, deformation, int(offset), keys, placements]
         launch(find_keys_kernel, cloud.splat_count, inputs, buffers.device)
     if shot.settings.ray_order == "sorted":
         wp.utils.radix_sort_pairs(keys, placements, total, end_bit=DEPTH_KEY_BITS)
         drawn = placements.numpy()[: int(np.searchsorted(keys.numpy()[:total], int(HIDDEN)))][::-1]
     else:
         drawn = np.flatnonzero(keys.numpy()[:total] != int(HIDDEN))
-    instance = np.searchsorted(offsets, drawn, side="right") - 1
-    splat = (drawn - offsets[instance]).astype(np.int32)
-    return DrawOrder(splat, instance.astype(np.int32), _highlighted(shot, splat, instance))
+    instances = np.searchsorted(offsets, drawn, side="right") - 1
+    splats = (drawn - offsets[instances]).astype(np.int32)
+    return DrawOrder(splats, instances.astype(np.int32), _highlighted(shot, splats, instances))
 
 
 def _highlighted(shot: Shot, splat: npt.NDArray[np.int32], instance: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

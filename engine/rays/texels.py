@@ -133,7 +133,7 @@ def pack_instances(
         row[3, 3] = min(cloud.sh_degree, look.sh_degree)
         row[4, :2] = divmod(first_texel[id(cloud)], 1 << 16)
         row[4, 2] = texels_per_splat(cloud.sh_degree)
-        row[4, 3] = 0 if keeps_angles(linear) else JACOBI_SWEEPS
+        row[4, 3] = jacobi_sweeps(linear)
         row[5] = look.size, look.shown_opacity or look.opacity, look.dilation_px2, look.antialiased
         row[6:, :3], row[6:, 3] = np.reshape(look.light, (3, 3)), look.graded
     return texels, distinct
@@ -143,6 +143,11 @@ def keeps_angles(linear: npt.NDArray[np.float64]) -> bool:
     """Whether a linear map takes orthogonal vectors to orthogonal ones, as far as single precision can tell."""
     gram = linear.T @ linear
     return bool(np.abs(gram - np.trace(gram) / 3.0 * np.eye(3)).max() <= 1e-7 * np.trace(gram))
+
+
+def jacobi_sweeps(linear: npt.NDArray[np.float64]) -> int:
+    """Sweeps of Jacobi's rotations that splats placed by a linear map need (`raygs.glsl`, `principal_axes`)."""
+    return 0 if keeps_angles(linear) else JACOBI_SWEEPS
 
 
 def pack_order(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +12,12 @@ from stipple.engine.buffers import Buffers
 from stipple.engine.device import choose_device
 from stipple.engine.device_cloud import DeviceCloud
 from stipple.engine.errors import StippleError
-from stipple.engine.rays.interface import Variant, complete_source
 from stipple.engine.rays.texels import MOST_TEXELS, splat_pages, texels_per_splat
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
 from stipple.engine.splats import ARRAY_NAMES, SplatCloud
+from tests.render.shader_probe import run_probe
 from tests.scenes import front_camera, random_cloud, scene_of
 
 PLAIN = Settings(method="rays", dilation_px2=0.0)
@@ -52,29 +51,14 @@ def test_the_shader_counts_in_whole_numbers(rays: Renderer) -> None:
     rows += [(0, MOST_TEXELS, 16, 32768), ((MOST_TEXELS - 1) // 16, 1, 16, 32768)]
     splat, start, per_splat, side = np.array(rows, np.int64).T
     asked = np.column_stack([*np.divmod(splat, 1 << 16), *np.divmod(start, 1 << 16), per_splat, side]).astype(np.int32)
-    found = run_probe(rays, asked)
+    content = ("4i 2i", "asked", "laid")
+    found = run_probe(rays, PROBE, content, {"texel": 1, "place": 3}, asked)  # texel; page, column, row
     wanted = start + splat * per_splat
     assert wanted.max() == MOST_TEXELS
     assert (found[:, 0] == wanted).all()
     assert (found[:, 1] == wanted // side**2).all()
     assert (found[:, 2] == wanted % side).all()
     assert (found[:, 3] == wanted % side**2 // side).all()
-
-
-def run_probe(rays: Renderer, asked: np.ndarray) -> np.ndarray:
-    """(N, 4) int32: texel, page, column and row for rows of what PROBE asks for."""
-    host: Any = rays.raster().host
-    context = host._context
-    functions = complete_source("vertex", Variant(paged=True), per_sample=False).replace(
-        "void main()", "void corner_main()"
-    )
-    with context:
-        host._target(1, 1, 1).use()  # nothing is drawn, but without one there is an error
-        program = context.program(vertex_shader=functions + PROBE, varyings=["texel", "place"])
-        buffer, result = context.buffer(asked.tobytes()), context.buffer(reserve=16 * len(asked))
-        array = context.vertex_array(program, [(buffer, "4i 2i", "asked", "laid")])
-        array.transform(result, mode=context.POINTS, vertices=len(asked))
-        return np.frombuffer(result.read(), np.int32).reshape(-1, 4)
 
 
 def test_more_texels_than_the_shaders_can_count_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
