@@ -11,7 +11,7 @@ from ..buffers import allocate
 from ..capture_file import CaptureFile
 from ..capture_order import order_of
 from ..device import launch
-from ..device_cloud import DeviceCloud, empty_cloud, read_dc, read_rest, read_rotation, read_splat
+from ..device_cloud import DeviceCloud, empty_cloud
 from ..errors import StippleError
 from ..progress import Progress
 from .capture_edits import VALUES, CaptureEdits, Rows, check_edits_of, identity_of
@@ -19,9 +19,10 @@ from .editable_cloud import ELEMENTS, UNPAINTED, EditableCloud
 from .edited_values import put_values
 from .mask import EDIT_LESS, Mask
 from .paint_layer import OpacityDiff, PaintDiff
-from .rows import no_rows, row_of
+from .rows import copy_rows, no_rows
 from .step import FlagDiff, Step
 from .transform_diff import KeptDiff, TransformDiff
+from .unpack import unpack
 
 wp.set_module_options({"enable_backward": False})
 
@@ -29,34 +30,11 @@ GEOMETRY = ("position", "scale", "rotation")
 
 
 @wp.kernel
-def unpack_kernel(
-    first: wp.int32,
-    cloud: DeviceCloud,
-    place_from_source: wp.array(dtype=wp.int32),
-    rows: wp.array(dtype=wp.int32),
-    position: wp.array(dtype=wp.vec3),
-    scale: wp.array(dtype=wp.vec3),
-    rotation: wp.array(dtype=wp.vec4),
-    opacity: wp.array(dtype=wp.float32),
-    sh_dc: wp.array(dtype=wp.vec3),
-    sh_rest: wp.array2d(dtype=wp.vec3),
+def find_sources_kernel(
+    first: wp.int32, place_from_source: wp.array(dtype=wp.int32), source_from_place: wp.array(dtype=wp.int32)
 ) -> None:
-    """Arrays without elements are left alone."""
     i = first + wp.tid()
-    place = place_from_source[row_of(rows, i)]
-    splat = read_splat(cloud, place)
-    if position.shape[0] > 0:
-        position[i] = splat.position
-    if scale.shape[0] > 0:
-        scale[i] = splat.scale
-    if rotation.shape[0] > 0:
-        rotation[i] = read_rotation(cloud, place)
-    if opacity.shape[0] > 0:
-        opacity[i] = splat.opacity
-    if sh_dc.shape[0] > 0:
-        sh_dc[i] = read_dc(cloud, place)
-    for k in range(sh_rest.shape[1]):
-        sh_rest[i, k] = read_rest(cloud, place, k)
+    source_from_place[place_from_source[i]] = i
 
 
 class CaptureCloud(EditableCloud):
@@ -137,17 +115,22 @@ class CaptureCloud(EditableCloud):
 
     def _read(self, names: list[str]) -> None:
         """As the file has them, but for quantisation."""
-        count, new = self.splat_count, {}
-        none = {name: wp.empty(0, dtype=dtype, device=self.device) for name, dtype in ELEMENTS.items()}
-        none["sh_rest"] = wp.empty((0, 0), dtype=wp.vec3, device=self.device)
+        new = {}
         for name in names:
-            shape = (count, self._packed.rest_count) if name == "sh_rest" else (count,)
-            if 0 in shape:
-                new[name] = wp.empty(shape, dtype=wp.vec3, device=self.device)
-            else:
-                new[name] = allocate(self.device, ELEMENTS[name], shape, f"{name} of {self.name}", EDIT_LESS)
-        arrays = [(none | new)[name] for name in (*GEOMETRY, "opacity", "sh_dc", "sh_rest")]
-        launch(unpack_kernel, count, [self._packed, self._order, self._rows, *arrays], self.device)
+            columns = (self._packed.rest_count,) if name == "sh_rest" else ()
+            new[name] = allocate(self.device, ELEMENTS[name], (self.splat_count, *columns), name, EDIT_LESS)
+        none = no_rows(self.device)
+        if self._chosen is not None:
+            places = allocate(self.device, wp.int32, self.splat_count, "the places of splats", EDIT_LESS)
+            copy_rows(places.size, self._rows, {"": self._order}, none, {"": places})
+            unpack(self._packed, places.size, places, none, new)
+        else:
+            # Place by place, which reads in order and scatters what it writes: four times as fast on a CPU as the
+            # reverse (10 M means in 0.13 core seconds).
+            sources = allocate(self.device, wp.int32, self._packed.splat_count, "the order of splats", EDIT_LESS)
+            sources.fill_(-1)  # of the empty splats that fill up groups
+            launch(find_sources_kernel, self._order.size, [self._order, sources], self.device)
+            unpack(self._packed, sources.size, none, sources, new)
         for name, array in new.items():
             self._put(name, array)
 
@@ -178,7 +161,7 @@ class CaptureCloud(EditableCloud):
 
     def keep(self, edits: CaptureEdits) -> None:
         """Takes up what `edits_after` has returned; moved splats are unpacked again, as a reload would."""
-        if edits.get("moved_rows") is not self.edits.get("moved_rows") or edits.matrices is not self.edits.matrices:
+        if any(edits.arrays.get(name) is not self.edits.arrays.get(name) for name in ("moved_rows", "matrices")):
             self.forget(*GEOMETRY)
         self.edits = edits
 

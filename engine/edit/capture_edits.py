@@ -131,7 +131,12 @@ class CaptureEdits:
     def changed_rows(self) -> Rows:
         """The splats whose values, flags apart, are not the file's; ascending."""
         rows = [self.get(name) for name in VALUES]
-        return np.unique(np.concatenate(rows)).astype(np.int32, copy=False)
+        if not any(part.size for part in rows):
+            return np.empty(0, np.int32)
+        changed = np.zeros(max(int(part[-1]) for part in rows if part.size) + 1, bool)
+        for part in rows:
+            changed[part] = True  # faster than to sort millions
+        return np.flatnonzero(changed).astype(np.int32)
 
     @cached_property
     def counts(self) -> dict[str, int]:
@@ -147,10 +152,11 @@ class CaptureEdits:
 
     def states(self) -> npt.NDArray[np.uint32]:
         """The flags of all splats (N,), bits as in `edit.state`."""
-        states = np.zeros(self.splat_count, np.uint32)
+        states = np.zeros(self.splat_count, np.uint8)  # the flags there are fit, and a fourth of the memory is faster
         for name in FLAGS.keys() & self.arrays.keys():
-            states |= self._bits(name).astype(np.uint32) * np.uint32(FLAGS[name])
-        return states
+            bits = np.unpackbits(self.arrays[name], count=self.splat_count, bitorder="little")
+            states |= bits * np.uint8(FLAGS[name])
+        return states.astype(np.uint32)
 
     def has_flag(self, name: str, begin: int, end: int) -> npt.NDArray[np.bool_]:
         """Which of the splats from `begin` to before `end` have a flag."""
@@ -158,9 +164,6 @@ class CaptureEdits:
             return np.zeros(end - begin, bool)
         part = np.unpackbits(self.arrays[name][begin // 8 : -(-end // 8)], bitorder="little")
         return part[begin % 8 : begin % 8 + end - begin].view(np.bool_)
-
-    def _bits(self, name: str) -> npt.NDArray[np.uint8]:
-        return np.unpackbits(self.arrays[name], count=self.splat_count, bitorder="little")
 
     def values_of(self, rows_name: str, wanted: Rows) -> tuple[Rows, Array]:
         """Where in `wanted`, which rises, splats of `rows_name` stand, and their values."""
