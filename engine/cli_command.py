@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the `stipple` command understands: `info` and `render` with their options."""
+"""What the `stipple` command understands: `info`, `apply` and `render` with their options."""
 
 from __future__ import annotations
 
@@ -125,6 +125,19 @@ def info(file: Path, json: bool) -> None:
     for warning in facts["warnings"]:
         click.echo(f"warning: {warning}", err=True)
     click.echo(as_json(facts) if json else as_text(facts))
+
+
+@command.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("edits", type=click.Path(path_type=Path))
+@option("--out", "Capture to write, never FILE itself.", required=True, type=click.Path(path_type=Path), metavar="PATH")
+@option("--selected", "Write only what is selected in the edits.", is_flag=True)
+@option("--quiet", "No progress bar and no summary; warnings stay.", is_flag=True)
+def apply(file: Path, edits: Path, out: Path, selected: bool, quiet: bool) -> None:
+    """Write a copy of a capture FILE with the EDITS that Blender keeps beside a .blend (….edits.npz)."""
+    from .cli_apply import run
+
+    run(file, edits, out, selected, quiet)
 
 
 @command.command()

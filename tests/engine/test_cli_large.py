@@ -12,6 +12,9 @@ import pytest
 
 from stipple.engine.capture_file import CaptureFile
 from stipple.engine.cli import main
+from stipple.engine.edit.capture_edits import CaptureEdits, identity_of
+from stipple.engine.edit.edits_file import write_edits
+from stipple.engine.edit.state_bits import DELETED, SELECTED
 from stipple.engine.formats import read_splats
 from tests.capture_files import run_python, write_large
 from tests.stats.image_metrics import psnr
@@ -81,3 +84,28 @@ def test_ctrl_c_while_a_capture_is_read_leaves_nothing_behind(tmp_path: Path) ->
     arguments = ["render", path, "--out", tmp_path / "a.png", "--stream-above", 0, *VIEW]
     run_python(INTERRUPTED, *arguments, STIPPLE_CACHE="beside")
     assert os.listdir(tmp_path) == ["garden.ply"]
+
+
+def test_edits_are_applied_to_a_copy(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    capture = CaptureFile.open(path)
+    states = np.zeros(30_000, np.uint32)
+    states[:10_000], states[20_000:25_000] = DELETED, SELECTED
+    edits = path.with_name("shot.garden.edits.npz")
+    write_edits(edits, CaptureEdits(identity_of(capture.fingerprint), 30_000).with_states(states), "garden.ply", 3)
+    copy = path.with_name("copy.ply")
+    assert main(["apply", str(path), str(edits), "--out", str(copy)]) == 0
+    assert f"{copy}: 20,000 splats" in capfd.readouterr().err
+    kept = read_splats(path).cloud.position[10_000:]
+    assert np.array_equal(read_splats(copy).cloud.position, kept)
+    assert main(["apply", str(path), str(edits), "--out", str(copy), "--selected", "--quiet"]) == 0
+    assert capfd.readouterr().err == "" and np.array_equal(read_splats(copy).cloud.position, kept[10_000:15_000])
+    before = sorted(os.listdir(path.parent))
+    for arguments, reason in (
+        ([path, edits, "--out", path], "this is the capture itself"),
+        ([path, path, "--out", copy], "the edits are damaged"),
+        ([copy, edits, "--out", copy.with_name("more.ply")], "made on a file of other content"),
+        ([path, edits, "--out", copy.with_suffix(".spz")], "is not known"),
+    ):
+        assert main(["apply", *map(str, arguments)]) == 1
+        assert reason in capfd.readouterr().err
+    assert sorted(os.listdir(path.parent)) == before

@@ -75,3 +75,41 @@ def test_three_gigabytes_stay_below_two(tmp_path: Path) -> None:
     figures, cached = convert(tmp_path, 3 * GIGABYTE)
     assert figures["peak"] < 2 * GIGABYTE
     assert cached["peak"] < 2 * GIGABYTE
+
+
+COPY = """
+import gc, json, sys
+from pathlib import Path
+import numpy as np
+from stipple.engine.capture_file import CaptureFile
+from stipple.engine.edit.capture_edits import CaptureEdits, identity_of
+from stipple.engine.edit.edited_copy import write_edited_copy
+def kibibytes(key):
+    return 1024 * next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(key))
+def copy(path):
+    capture = CaptureFile.open(path)
+    count = capture.splat_count
+    rows = np.arange(0, count, 10, dtype=np.int32)
+    none = np.zeros(len(rows), bool)
+    edits = CaptureEdits(identity_of(capture.fingerprint), count)
+    edits = edits.with_states(np.where(np.arange(count) % 3, 0, 4).astype(np.uint32))
+    edits = edits.with_values("painted_rows", rows, np.full(len(rows), 1 << 60, np.uint64), none)
+    turn = np.array([[0.6, -0.8, 0, 1], [0.8, 0.6, 0, 2], [0, 0, 1, 3]])
+    edits = edits.moved(rows + 1 if rows[-1] + 1 < count else rows, turn)
+    return write_edited_copy(capture, edits, path.with_name("copy.ply"))
+copy(Path(sys.argv[1]))
+gc.collect()
+before = kibibytes("VmRSS")
+count = copy(Path(sys.argv[2]))
+print(json.dumps({"before": before, "peak": kibibytes("VmHWM"), "splats": count}))
+"""
+
+
+@pytest.mark.skipif(NO_PROC, reason="no /proc")
+def test_a_copy_with_edits_takes_memory_for_a_chunk(tmp_path: Path) -> None:
+    """Of 32 MiB, what is made of it while it is turned and painted, and the edits."""
+    small = write_large(tmp_path / "small.ply", 2_000, DEGREE_3)
+    large = write_large(tmp_path / "large.ply", 300 * 10**6 // row_bytes(DEGREE_3), DEGREE_3)
+    figures = json.loads(run_python(COPY, small, large))
+    assert figures["peak"] - figures["before"] < 220e6
+    assert (tmp_path / "copy.ply").stat().st_size > 180e6
