@@ -170,4 +170,5 @@ def editing(window: Window) -> Steps:
     results["left"] = not bpy.context.object.stipple_editing and digest() == painted
 
 
-run({"editing": editing})
+if __name__ == "__main__":
+    run({"editing": editing})

@@ -24,3 +24,13 @@ def test_a_capture_is_edited_by_keys_and_mouse(tmp_path: Path, shared_data: Path
     assert results["moved"] and results["painted"] and results["painted again"]
     for name in ("escape", "undoing the move", "undoing the paint"):
         assert results[f"same after {name}"], name
+
+
+def test_a_linked_capture_is_edited_by_keys_and_mouse(tmp_path: Path, shared_data: Path) -> None:
+    capture = str((shared_data / "real" / "koala.ply").resolve())
+    results = run_scenario("scenarios_linked.py", "linked", tmp_path, capture)
+    selected = results["selected"]["selected"]
+    assert selected == results["moved"]["moved"] == results["deleted"]["deleted"] > 0
+    assert results["move undone"]["moved"] == results["deleted"]["selected"] == 0
+    assert results["painted"]["painted"] > 0 == results["paint undone"]["painted"]
+    assert results["files"] == ["shot.garden.edits.npz"]
