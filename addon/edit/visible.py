@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -12,7 +13,8 @@ from bpy.app.handlers import persistent
 
 from ...engine.camera import Camera
 from ...engine.scene import Instance, Scene
-from .. import sync
+from ...engine.settings import Settings
+from .. import residency, sync
 from .operator import world_from_object
 from .session import EditSession, editing_device
 
@@ -47,12 +49,24 @@ class Picker:
         row, column = self._camera.height - 1 - int(np.floor(y)), int(np.floor(x))
         if not (0 <= column < self._camera.width and 0 <= row < self._camera.height):
             return None
-        return pick(_renderer(self._context, "sorted"), self._scene, self._camera, column, row)
+        settings = _pick_settings(self._context.scene)
+        return pick(_renderer(self._context, settings.method), self._scene, self._camera, column, row, settings)
 
     def radius_at(self, point: npt.NDArray[np.float64], pixels: float) -> float:
         """World units that so many pixels are at a point's depth."""
         depth = (self._camera.camera_from_world @ np.append(point, 1.0))[2]
         return float(pixels / self._camera.fx * (depth if self._camera.projection == "pinhole" else 1.0))
+
+
+def _pick_settings(b_scene: Any) -> Settings:
+    """As *rays* where those are on the screen, for they show others inside a capture; as *sorted* elsewhere.
+
+    Where rays are on the screen their kernels are loaded; scripts in the background wait for them.
+    """
+    settings = sync.viewport_settings(b_scene)
+    if settings.method == "rays" and (bpy.app.background or residency.is_prepared(settings.device, "rays")):
+        return replace(settings, storage="full")  # so that splats are numbered as in the host's memory
+    return Settings(method="sorted")
 
 
 def _renderer(context: Any, method: str) -> Renderer:

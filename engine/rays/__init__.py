@@ -11,7 +11,7 @@ Every splat is a quad in space that the graphics hardware rasterises; the opacit
 | corners, colour   | `vertex.glsl`, `raygs.glsl`, `harmonics.glsl` | §3.2, §4.1, §5 |
 | opacity           | `fragment.glsl`, `random.glsl`              | §4.2             |
 
-`raygs.py` is `raygs.glsl` in Warp, function by function. `interface.py` declares what the shaders read and write, once
-for all hosts; `host.py` says what a host does; `moderngl_device.py` is the one outside Blender. `uploads.py` keeps what
-they hold; `method.py` runs a frame.
+`raygs.py` is `raygs.glsl` in Warp, function by function; `meet.py` finds what a ray meets without drawing.
+`interface.py` declares what the shaders read and write, once for all hosts; `host.py` says what a host does;
+`moderngl_device.py` is the one outside Blender. `uploads.py` keeps what they hold; `method.py` runs a frame.
 """

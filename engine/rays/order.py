@@ -78,6 +78,11 @@ def least_opacity(settings: Settings) -> float:
     return max(settings.alpha_min, LEAST_ALPHA_MIN)
 
 
+def drawn_view(shot: Shot) -> View:
+    """The view with the paper's p_min."""
+    return make_view(shot.camera, replace(shot.settings, alpha_min=least_opacity(shot.settings)))
+
+
 def order_key(shot: Shot) -> tuple[object, ...]:
     """Equal keys mean equal orders: all that `find_order` depends on. Holds the clouds, so no identity comes twice."""
     camera, settings = shot.camera, shot.settings
@@ -116,8 +121,7 @@ def find_order(shot: Shot, finest_px: float = 1.0) -> DrawOrder:
     total = int(offsets[-1])
     keys = buffers.array("rays_keys", wp.int32, 2 * total)  # the radix sort needs twice the room
     placements = buffers.array("rays_placements", wp.int32, 2 * total)
-    view = make_view(shot.camera, replace(shot.settings, alpha_min=least_opacity(shot.settings)))
-    frustum = make_frustum(shot.camera, finest_px)
+    view, frustum = drawn_view(shot), make_frustum(shot.camera, finest_px)
     placed = zip(shot.clouds, shot.poses, shot.scene.instances, offsets[:-1], strict=True)
     for cloud, pose, instance, offset in placed:
         deformation = make_deformation(shot.camera, np.asarray(instance.world_from_object, np.float64))

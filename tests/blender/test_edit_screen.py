@@ -82,7 +82,9 @@ def test_visible_only_leaves_out_what_is_behind() -> None:
     assert seen[middle & (depth < -0.9)].mean() > 0.5 and seen[middle & (depth > 0.5)].mean() < 0.02
 
 
-def test_the_picker_finds_the_splat_in_front(b_object: Any) -> None:
+@pytest.mark.parametrize("method", ["SORTED", "RAYS"])
+def test_the_picker_finds_the_splat_in_front(b_object: Any, method: str) -> None:
+    bpy.context.scene.stipple.method = method
     camera = camera_from_blender(bpy.context.scene.camera, bpy.context.scene.render)
     picker = Picker.of_session(bpy.context, session_in(bpy.context), camera)
     found = [(place, picker.pick(*place)) for place in ((40.5, 30.5), (30.5, 25.5), (50.5, 38.5), (35.5, 40.5))]
@@ -90,7 +92,8 @@ def test_the_picker_finds_the_splat_in_front(b_object: Any) -> None:
     assert hits
     for place, hit in hits:
         assert np.linalg.norm(pixels(b_object)[hit.splat] - place) < 8
-        assert abs(hit.position_world[1] - positions(b_object)[hit.splat, 1]) < 1e-4
+        off = abs(hit.position_world[1] - positions(b_object)[hit.splat, 1])
+        assert off < 1e-4 if method == "SORTED" else off < 0.3  # on the splat, whose mean the ray may miss
     assert picker.pick(-1, 0) is None and picker.pick(0, 60) is None
 
 
