@@ -54,6 +54,10 @@ class LookReader:
         )
         return replace(source.look, crops=crops)
 
+    def look_of_object(self, b_object: Any) -> Look:
+        """The look of an object where it stands itself."""
+        return self._read(b_object.original.evaluated_get(self._depsgraph))
+
     def _read(self, b_object: Any) -> Look:
         b_stipple = b_object.stipple
         return Look(

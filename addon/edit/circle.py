@@ -9,8 +9,9 @@ import numpy as np
 from bpy.props import BoolProperty
 
 from ...engine.camera import Camera
+from ...engine.look import Look
 from .operator import world_from_object
-from .screen import camera_of, from_top
+from .screen import camera_of, from_top, look_in
 from .session import EditSession
 from .stroke import StrokeOperator
 
@@ -44,7 +45,7 @@ class CircleStroke(StrokeOperator):
     def begin(self, context: Any, session: EditSession, event: Any) -> None:
         self.path.clear()
         self._take = self.mode == "SUB"
-        self._before = session.cloud.selection()
+        self._before, self._look = session.cloud.selection(), look_in(context)
         self._visible = self._seen(context, session, self.engine_camera)
         if self.mode == "SET":
             if self.wait_for_input:
@@ -59,25 +60,28 @@ class CircleStroke(StrokeOperator):
         self.radius = int(self.brush_radius(context))
         b_place = self.path.add()
         b_place.loc, b_place.time = (x, y), TAKEN_AWAY * self._take
-        found = self.circle_at(session, self.engine_camera, world_from_object(context), (x, y))
+        placed = world_from_object(context)
+        found = self.circle_at(session, self.engine_camera, placed, self._look, (x, y))
         self._put(session, self._combined(session.cloud.selection(), found, self._take))
 
-    def circle_at(self, session: EditSession, camera: Camera, placed: np.ndarray, place: tuple[float, float]) -> Mask:
+    def circle_at(
+        self, session: EditSession, camera: Camera, placed: np.ndarray, look: Look, place: tuple[float, float]
+    ) -> Mask:
         from ...engine.edit.match_screen import match_circle
 
-        return match_circle(session.cloud, camera, from_top(camera, place), self.radius, self.border, placed)
+        return match_circle(session.cloud, camera, from_top(camera, place), self.radius, self.border, placed, look)
 
     def stroke_step(self, context: Any, session: EditSession) -> Step:
         """All of `path` at once."""
         from ...engine.edit.selection import select
 
-        camera, placed = camera_of(context, self.camera), world_from_object(context)
+        camera, placed, look = camera_of(context, self.camera), world_from_object(context), look_in(context)
         self._visible = self._seen(context, session, camera)
         chosen = session.cloud.selection()
         if self.mode == "SET":
             chosen = chosen ^ chosen
         for b_place in self.path:
-            found = self.circle_at(session, camera, placed, tuple(b_place.loc))
+            found = self.circle_at(session, camera, placed, look, tuple(b_place.loc))
             take = b_place.time == TAKEN_AWAY or self.mode == "SUB"
             chosen = self._combined(chosen, found, take)
         return select(session.cloud, chosen)

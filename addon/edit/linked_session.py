@@ -14,6 +14,7 @@ from ...engine.edit.capture_edits import CaptureEdits, identity_of
 from ...engine.edit.edited_capture import EditedCapture
 from ...engine.edit.state_bits import DELETED, HIDDEN
 from ...engine.errors import StippleError
+from ...engine.look import Look
 from ...engine.scene import Instance
 from .. import linked_edits
 from ..point_rows import Rows
@@ -85,8 +86,8 @@ class LinkedSession(EditSession):
         matrix = in_object_space(checked(new_from_old, f"{self.name}: the transform"), world_from_object)
         return LinkedPreview(self._edited(self.cloud.edits_meanwhile(self.cloud.selection(), matrix)))
 
-    def instances(self, world_from_object: npt.NDArray[np.float64]) -> tuple[Instance, ...]:
-        instance = Instance(self._capture, world_from_object)
+    def instances(self, world_from_object: npt.NDArray[np.float64], look: Look) -> tuple[Instance, ...]:
+        instance = Instance(self._capture, world_from_object, look=look)
         return self._edited(self.cloud.edits).instances(instance, HIDDEN | DELETED)
 
     def splat_of(self, found: Pick) -> int:
@@ -94,7 +95,9 @@ class LinkedSession(EditSession):
             return int(self.cloud.edits.changed_rows[found.splat])
         return self.cloud.source_at(found.splat)
 
-    def visible(self, camera: Camera, renderer: Renderer, world_from_object: npt.NDArray[np.float64]) -> Mask:
+    def visible(
+        self, camera: Camera, renderer: Renderer, world_from_object: npt.NDArray[np.float64], look: Look
+    ) -> Mask:
         from ...engine.edit.match_visible import match_visible_in_file
 
-        return match_visible_in_file(self.cloud, self.instances(world_from_object), camera, renderer)
+        return match_visible_in_file(self.cloud, self.instances(world_from_object, look), camera, renderer)

@@ -9,8 +9,12 @@ import numpy as np
 
 from ...engine.camera import Camera
 from ...engine.errors import StippleError
+from ...engine.look import Look
+from .. import world
 from ..camera import camera_from_blender
+from ..looks import LookReader
 from ..view_camera import view_of
+from .mode import edited_object
 
 
 def camera_of(context: Any, name: str) -> Camera:
@@ -26,6 +30,11 @@ def camera_of(context: Any, name: str) -> Camera:
     if context.region is None or getattr(context, "region_data", None) is None:
         raise StippleError("Edit Splats: there is no view here; work in a 3D viewport or name a camera.")
     return view_of(context, context.scene).camera()
+
+
+def look_in(context: Any) -> Look:
+    """How the edited capture is shown: what its crops take away is not there to be selected."""
+    return LookReader(context.evaluated_depsgraph_get(), world.working_space()).look_of_object(edited_object(context))
 
 
 def from_top(camera: Camera, points: Any) -> np.ndarray:

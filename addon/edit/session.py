@@ -18,6 +18,7 @@ import numpy.typing as npt
 from bpy.app.handlers import persistent
 
 from ...engine.errors import StippleError
+from ...engine.look import Look
 from ...engine.scene import Instance, SplatStates
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from .. import residency
@@ -146,19 +147,22 @@ class EditSession:
         """What viewports show of it before anything is written."""
         return Preview(self.snapshot(), SplatStates(self.states().copy()))
 
-    def instances(self, world_from_object: npt.NDArray[np.float64]) -> tuple[Instance, ...]:
-        """What a look at the splats themselves sees."""
-        return (Instance(self.snapshot(), world_from_object, states=SplatStates(self.states().copy())),)
+    def instances(self, world_from_object: npt.NDArray[np.float64], look: Look) -> tuple[Instance, ...]:
+        """What is seen of the edited splats alone."""
+        states = SplatStates(self.states().copy())
+        return (Instance(self.snapshot(), world_from_object, look=look, states=states),)
 
     def splat_of(self, found: Pick) -> int:
         """The splat that was found in a picture of `instances`."""
         return found.splat
 
-    def visible(self, camera: Camera, renderer: Renderer, world_from_object: npt.NDArray[np.float64]) -> Mask:
+    def visible(
+        self, camera: Camera, renderer: Renderer, world_from_object: npt.NDArray[np.float64], look: Look
+    ) -> Mask:
         """The splats of which the camera sees something."""
         from ...engine.edit.match_visible import match_visible
 
-        return match_visible(self.cloud, camera, renderer, world_from_object)
+        return match_visible(self.cloud, camera, renderer, world_from_object, look=look)
 
     def _put_states(self, states: np.ndarray | None) -> None:
         if states is None:

@@ -16,6 +16,7 @@ from ...engine.scene import Instance, Scene
 from ...engine.settings import Settings
 from .. import residency, sync
 from .operator import world_from_object
+from .screen import look_in
 from .session import EditSession, editing_device
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _renderers: dict[str, Renderer] = {}  # by device; at most one
 
 def visible_mask(context: Any, session: EditSession, camera: Camera) -> Mask:
     """The splats of the edited capture of which the camera sees something."""
-    return session.visible(camera, _renderer(context, "points"), world_from_object(context))
+    return session.visible(camera, _renderer(context, "points"), world_from_object(context), look_in(context))
 
 
 class Picker:
@@ -40,7 +41,7 @@ class Picker:
     @classmethod
     def of_session(cls, context: Any, session: EditSession, camera: Camera) -> Picker:
         """Of the edited capture alone."""
-        return cls(context, session.instances(world_from_object(context)), camera)
+        return cls(context, session.instances(world_from_object(context), look_in(context)), camera)
 
     def pick(self, x: float, y: float) -> Pick | None:
         """The splat seen at a pixel from the bottom left; None where nothing is, or outside the view."""

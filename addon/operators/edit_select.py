@@ -18,10 +18,11 @@ from bpy.props import (
 )
 
 from ...engine.errors import StippleError
+from ...engine.look import Look
 from ..edit.circle import CircleStroke
 from ..edit.gesture import GestureOperator
 from ..edit.operator import ENGINE_MODES, SELECT_MODES, SplatOperator, world_from_object
-from ..edit.screen import camera_of, from_top
+from ..edit.screen import camera_of, from_top, look_in
 from ..edit.session import EditSession
 
 
@@ -53,14 +54,14 @@ class ScreenOperator(MatchOperator):
 
     def match(self, context: Any, session: EditSession) -> Any:
         camera = camera_of(context, self.camera)
-        found = self.match_on_screen(session, camera, world_from_object(context))
+        found = self.match_on_screen(session, camera, world_from_object(context), look_in(context))
         if self.visible_only:
             from ..edit.visible import visible_mask
 
             found = found & visible_mask(context, session, camera)
         return found
 
-    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any, look: Look) -> Any:
         raise NotImplementedError
 
 
@@ -82,8 +83,8 @@ class STIPPLE_OT_select_circle(CircleStroke, ScreenOperator, bpy.types.Operator)
         """One circle at x, y, or the stroke of circles that `path` holds."""
         return self.stroke_step(context, session) if len(self.path) else super().step(context, session)
 
-    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
-        return self.circle_at(session, camera, placed, (self.x, self.y))
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any, look: Look) -> Any:
+        return self.circle_at(session, camera, placed, look, (self.x, self.y))
 
 
 class STIPPLE_OT_select_box(GestureOperator, ScreenOperator, bpy.types.Operator):
@@ -100,11 +101,11 @@ class STIPPLE_OT_select_box(GestureOperator, ScreenOperator, bpy.types.Operator)
     def set_path(self, points: list[tuple[float, float]]) -> None:
         (self.xmin, self.ymin), (self.xmax, self.ymax) = np.sort(np.array(points, int), axis=0).tolist()
 
-    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any, look: Look) -> Any:
         from ...engine.edit.match_screen import match_rectangle
 
         low, high = from_top(camera, [(self.xmin, self.ymin), (self.xmax, self.ymax)])
-        return match_rectangle(session.cloud, camera, low, high, placed)
+        return match_rectangle(session.cloud, camera, low, high, placed, look)
 
 
 class STIPPLE_OT_select_lasso(GestureOperator, ScreenOperator, bpy.types.Operator):
@@ -120,13 +121,13 @@ class STIPPLE_OT_select_lasso(GestureOperator, ScreenOperator, bpy.types.Operato
         for point in points:
             self.path.add().loc = point
 
-    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any, look: Look) -> Any:
         from ...engine.edit.match_screen import match_polygon
 
         corners = [tuple(b_point.loc) for b_point in self.path]
         if len(corners) < 3:
             raise StippleError("lasso: draw a line around something.")
-        return match_polygon(session.cloud, camera, from_top(camera, corners), placed)
+        return match_polygon(session.cloud, camera, from_top(camera, corners), placed, look)
 
 
 class STIPPLE_OT_select_depth(ScreenOperator, bpy.types.Operator):
@@ -141,10 +142,10 @@ class STIPPLE_OT_select_depth(ScreenOperator, bpy.types.Operator):
         name="Far", description="Largest distance along the view direction", default=10.0, subtype="DISTANCE"
     )
 
-    def match_on_screen(self, session: EditSession, camera: Any, placed: Any) -> Any:
+    def match_on_screen(self, session: EditSession, camera: Any, placed: Any, look: Look) -> Any:
         from ...engine.edit.match_screen import match_depth
 
-        return match_depth(session.cloud, camera, self.near, self.far, placed)
+        return match_depth(session.cloud, camera, self.near, self.far, placed, look)
 
 
 class STIPPLE_OT_select_sphere(MatchOperator, bpy.types.Operator):

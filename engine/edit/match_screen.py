@@ -2,7 +2,8 @@
 """Find splats by where a camera sees them: under a circle, a box or a lasso, or in a range of depths.
 
 Pixels count from the top left of the camera's whole frame. Splats outside the clipping range match nothing; occluded
-ones match like others (`match_visible` tells which are seen: combine both with `&`).
+ones match like others (`match_visible` tells which are seen: combine both with `&`). Each function takes the object's
+`look`: what it crops away or does not display matches nothing, and a splat's border is where it is drawn.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import warp as wp
 
 from ..camera import Camera
 from ..device import launch
-from ..device_look import make_device_look
+from ..device_cloud import Splat
+from ..device_look import DeviceLook, dressed, make_device_look
 from ..errors import StippleError
 from ..look import Look
 from ..maths.projection import Pose, View, make_pose, make_view, project_splat
@@ -23,6 +25,8 @@ from .editable_cloud import ELEMENTS, EditableCloud
 from .mask import Mask, mask_from_hits
 
 wp.set_module_options({"enable_backward": False})
+
+PLAIN = Look()
 
 
 @wp.func
@@ -35,6 +39,28 @@ def pixel_of(view: View, p: wp.vec3) -> wp.vec2:
     """Where a point of camera space, within the clipping range, is seen [px]."""
     inverse_z = wp.where(view.orthographic == 0, 1.0 / p[2], 1.0)
     return wp.cw_mul(view.focal_px, wp.vec2(p[0], p[1])) * inverse_z + view.centre_px
+
+
+@wp.func
+def shown_splat(
+    i: wp.int32,
+    look: DeviceLook,
+    position: wp.array(dtype=wp.vec3),
+    scale: wp.array(dtype=wp.vec3),
+    opacity: wp.array(dtype=wp.float32),
+) -> Splat:
+    """Splat i as the look shows it, one that it does not show with an opacity below 0.
+
+    Without its scales it is a point, and without its opacity opaque.
+    """
+    splat = Splat()
+    splat.position = position[i]
+    splat.opacity = 1.0
+    if scale.shape[0] > 0:
+        splat.scale = scale[i]
+    if opacity.shape[0] > 0:
+        splat.opacity = opacity[i]
+    return dressed(splat, look)
 
 
 @wp.func
@@ -70,16 +96,17 @@ def match_circle_kernel(
     hits: wp.array(dtype=wp.uint8),
 ) -> None:
     i = first + wp.tid()
-    p = pose.linear * position[i] + pose.translation
+    splat = shown_splat(i, pose.look, position, scale, opacity)
+    p = pose.linear * splat.position + pose.translation
     hit = int(0)
-    if in_range(view, p):
+    if splat.opacity >= 0.0 and in_range(view, p):
         offset = centre - pixel_of(view, p)
         if wp.length_sq(offset) <= radius * radius:
             hit = 1
         elif border != 0:
-            alpha = opacity[i]
+            alpha = splat.opacity
             if alpha > view.alpha_min:
-                e = project_splat(view, pose, p, scale[i], rotation[i], alpha)
+                e = project_splat(view, pose, p, splat.scale, rotation[i], alpha)
                 reach = wp.sqrt(2.0 * wp.log(alpha / view.alpha_min))
                 if circle_meets_ellipse(offset, radius, e.xx, e.xy, e.yy, reach):
                     hit = 1
@@ -90,6 +117,8 @@ def match_circle_kernel(
 def match_box_kernel(
     first: wp.int32,
     position: wp.array(dtype=wp.vec3),
+    scale: wp.array(dtype=wp.vec3),
+    opacity: wp.array(dtype=wp.float32),
     view: View,
     pose: Pose,
     low: wp.vec2,
@@ -98,9 +127,10 @@ def match_box_kernel(
     hits: wp.array(dtype=wp.uint8),
 ) -> None:
     i = first + wp.tid()
-    p = pose.linear * position[i] + pose.translation
+    splat = shown_splat(i, pose.look, position, scale, opacity)
+    p = pose.linear * splat.position + pose.translation
     hit = int(0)
-    if in_range(view, p) and p[2] >= depths[0] and p[2] <= depths[1]:
+    if splat.opacity >= 0.0 and in_range(view, p) and p[2] >= depths[0] and p[2] <= depths[1]:
         px = pixel_of(view, p)
         if px[0] >= low[0] and px[1] >= low[1] and px[0] <= high[0] and px[1] <= high[1]:
             hit = 1
@@ -111,6 +141,8 @@ def match_box_kernel(
 def match_polygon_kernel(
     first: wp.int32,
     position: wp.array(dtype=wp.vec3),
+    scale: wp.array(dtype=wp.vec3),
+    opacity: wp.array(dtype=wp.float32),
     view: View,
     pose: Pose,
     edges: wp.array(dtype=wp.vec4),  # x, y of both ends, row by row of pixels
@@ -119,9 +151,10 @@ def match_polygon_kernel(
     hits: wp.array(dtype=wp.uint8),
 ) -> None:
     i = first + wp.tid()
-    p = pose.linear * position[i] + pose.translation
+    splat = shown_splat(i, pose.look, position, scale, opacity)
+    p = pose.linear * splat.position + pose.translation
     crossings = int(0)
-    if in_range(view, p):
+    if splat.opacity >= 0.0 and in_range(view, p):
         px = pixel_of(view, p)
         row = int(wp.clamp(wp.floor(px[1]), -1.0e9, 1.0e9)) - first_row
         if row >= 0 and row < first_edge.shape[0] - 1:
@@ -140,6 +173,7 @@ def match_circle(
     radius_px: float,
     border: bool = False,
     world_from_object: npt.ArrayLike | None = None,
+    look: Look = PLAIN,
 ) -> Mask:
     """Splats whose mean, or with `border` whose drawn ellipse, a circle on the screen touches [px].
 
@@ -149,12 +183,11 @@ def match_circle(
     centre = np.asarray(centre_px, np.float64)
     if not (np.isfinite(centre).all() and np.isfinite(radius_px) and radius_px > 0):
         raise StippleError(f"selection circle: radius {radius_px} px at {centre}; give finite values above 0.")
-    view, pose = _seen(camera, world_from_object)
-    arrays = [cloud.array("position")]
-    for name in ("scale", "rotation", "opacity"):
-        arrays.append(cloud.array(name) if border else wp.empty(0, dtype=ELEMENTS[name], device=cloud.device))
+    view, pose = _seen(camera, world_from_object, look)
+    position, scale, opacity = _shown_arrays(cloud, look, border)
+    rotation = _array_if(border, cloud, "rotation")
     hits = cloud.hits()
-    inputs = [*arrays, view, pose, wp.vec2(*centre), radius_px, int(border), hits]
+    inputs = [position, scale, rotation, opacity, view, pose, wp.vec2(*centre), radius_px, int(border), hits]
     launch(match_circle_kernel, cloud.splat_count, inputs, cloud.device)
     return mask_from_hits(hits, cloud.splat_count)
 
@@ -165,11 +198,12 @@ def match_rectangle(
     low_px: npt.ArrayLike,
     high_px: npt.ArrayLike,
     world_from_object: npt.ArrayLike | None = None,
+    look: Look = PLAIN,
 ) -> Mask:
     """Splats whose mean is seen between two corners, in any order [px]."""
     corners = np.array([low_px, high_px], np.float64)
     return _match_rectangle(
-        cloud, camera, corners.min(axis=0), corners.max(axis=0), (-np.inf, np.inf), world_from_object
+        cloud, camera, corners.min(axis=0), corners.max(axis=0), (-np.inf, np.inf), world_from_object, look
     )
 
 
@@ -179,6 +213,7 @@ def match_depth(
     nearest: float,
     farthest: float,
     world_from_object: npt.ArrayLike | None = None,
+    look: Look = PLAIN,
 ) -> Mask:
     """Splats whose mean is between two distances along the view direction [world units], seen in the frame or not.
 
@@ -187,11 +222,15 @@ def match_depth(
     if not nearest <= farthest:
         raise StippleError(f"depth range: {nearest} to {farthest} holds nothing; give the nearer distance first.")
     everywhere = np.full(2, np.inf)
-    return _match_rectangle(cloud, camera, -everywhere, everywhere, (nearest, farthest), world_from_object)
+    return _match_rectangle(cloud, camera, -everywhere, everywhere, (nearest, farthest), world_from_object, look)
 
 
 def match_polygon(
-    cloud: EditableCloud, camera: Camera, corners_px: npt.ArrayLike, world_from_object: npt.ArrayLike | None = None
+    cloud: EditableCloud,
+    camera: Camera,
+    corners_px: npt.ArrayLike,
+    world_from_object: npt.ArrayLike | None = None,
+    look: Look = PLAIN,
 ) -> Mask:
     """Splats whose mean is seen inside a lasso (V, 2) [px], closed from its last corner to its first.
 
@@ -201,11 +240,11 @@ def match_polygon(
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
         raise StippleError("lasso: give at least three corners as finite (x, y) pairs.")
     edges, first_edge, first_row = edges_by_row(corners)
-    view, pose = _seen(camera, world_from_object)
+    view, pose = _seen(camera, world_from_object, look)
     hits = cloud.hits()
     device = cloud.device
     on_device = [wp.array(edges, dtype=wp.vec4, device=device), wp.array(first_edge, dtype=wp.int32, device=device)]
-    inputs = [cloud.array("position"), view, pose, *on_device, first_row, hits]
+    inputs = [*_shown_arrays(cloud, look), view, pose, *on_device, first_row, hits]
     launch(match_polygon_kernel, cloud.splat_count, inputs, device)
     return mask_from_hits(hits, cloud.splat_count)
 
@@ -230,9 +269,19 @@ def edges_by_row(
     return np.ascontiguousarray(edges[edge[order]]), first_edge, first_row
 
 
-def _seen(camera: Camera, world_from_object: npt.ArrayLike | None) -> tuple[View, Pose]:
+def _seen(camera: Camera, world_from_object: npt.ArrayLike | None, look: Look) -> tuple[View, Pose]:
     matrix, settings = checked(world_from_object, "world_from_object"), Settings()
-    return make_view(camera, settings), make_pose(camera, matrix, make_device_look(Look(), matrix, settings))
+    return make_view(camera, settings), make_pose(camera, matrix, make_device_look(look, matrix, settings))
+
+
+def _shown_arrays(cloud: EditableCloud, look: Look, border: bool = False) -> tuple[wp.array, wp.array, wp.array]:
+    """What `shown_splat` needs: means; for borders scales; opacities, also where the display leaves faint ones out."""
+    opacity = _array_if(border or look.display != "splats", cloud, "opacity")
+    return cloud.array("position"), _array_if(border, cloud, "scale"), opacity
+
+
+def _array_if(wanted: bool, cloud: EditableCloud, name: str) -> wp.array:
+    return cloud.array(name) if wanted else wp.empty(0, dtype=ELEMENTS[name], device=cloud.device)
 
 
 def _match_rectangle(
@@ -242,9 +291,10 @@ def _match_rectangle(
     high: npt.NDArray[np.float64],
     depths: tuple[float, float],
     world_from_object: npt.ArrayLike | None,
+    look: Look,
 ) -> Mask:
-    view, pose = _seen(camera, world_from_object)
+    view, pose = _seen(camera, world_from_object, look)
     hits = cloud.hits()
-    inputs = [cloud.array("position"), view, pose, wp.vec2(*low), wp.vec2(*high), wp.vec2(*depths), hits]
+    inputs = [*_shown_arrays(cloud, look), view, pose, wp.vec2(*low), wp.vec2(*high), wp.vec2(*depths), hits]
     launch(match_box_kernel, cloud.splat_count, inputs, cloud.device)
     return mask_from_hits(hits, cloud.splat_count)

@@ -16,6 +16,7 @@ import warp as wp
 
 from ..camera import Camera
 from ..film import Film
+from ..look import Look
 from ..points.method import PointsFrame
 from ..renderer import Renderer
 from ..scene import Instance, Scene
@@ -26,6 +27,7 @@ from .affine import checked
 from .capture_cloud import CaptureCloud
 from .editable_cloud import EditableCloud
 from .mask import Mask, mask_from_hits, mask_from_numpy
+from .match_screen import PLAIN
 from .state import DELETED, HIDDEN
 
 
@@ -37,13 +39,14 @@ def match_visible(
     others: Sequence[Instance] = (),
     samples: int = 4,
     seed: int = 0,
+    look: Look = PLAIN,
 ) -> Mask:
     """Splats of which the camera sees some point in one of `samples` frames; `others` hide what is behind them.
 
-    Hidden and deleted splats neither match nor hide. `renderer` runs on the cloud's device. Raises StippleError when
-    memory runs out.
+    Hidden and deleted splats, and what the object's `look` crops away, neither match nor hide. `renderer` runs on the
+    cloud's device. Raises StippleError when memory runs out.
     """
-    shown = Instance(shown_shapes(cloud), checked(world_from_object, "world_from_object"))
+    shown = Instance(shown_shapes(cloud), checked(world_from_object, "world_from_object"), look=look)
     settings = Settings(method="points", samples=samples, seed=seed, sh_degree=0, storage="full")
     hits = cloud.hits()
     _mark_seen(Scene((shown, *others)), camera, renderer, settings, [hits])

@@ -19,6 +19,7 @@ from stipple.engine.splats import SH_C0
 
 from .captures import add_camera, random_cloud, use_stipple
 from .editing import edited, every_byte, flags, positions, refused
+from .test_looks import add_crop
 
 pytestmark = pytest.mark.blender
 
@@ -58,6 +59,32 @@ def test_circle_box_and_lasso_find_what_the_camera_sees(b_object: Any) -> None:
         bpy.ops.stipple.select_lasso(camera="Camera", path=path[:2])
     bpy.ops.stipple.select_depth(camera="Camera", near=3.5, far=4.5)
     assert np.array_equal(flags(b_object, SELECTED), np.abs(positions(b_object)[:, 1]) <= 0.5)
+
+
+def test_what_a_crop_takes_away_is_neither_selected_nor_painted_over(b_object: Any) -> None:
+    b_empty = bpy.data.objects.new("Crop", None)
+    b_empty.location, b_empty.scale = (0.5, 0, 0), (0.5, 2, 2)
+    bpy.context.scene.collection.objects.link(b_empty)
+    add_crop(b_object, b_empty)
+    bpy.context.view_layer.update()
+    kept = positions(b_object)[:, 0] >= 0
+    everything = [
+        {"name": "", "loc": corner, "time": 0.0} for corner in ((-200, -200), (300, -200), (300, 300), (-200, 300))
+    ]
+    for select in (
+        lambda: bpy.ops.stipple.select_circle(camera="Camera", x=40, y=30, radius=200),
+        lambda: bpy.ops.stipple.select_circle(camera="Camera", x=40, y=30, radius=200, border=True),
+        lambda: bpy.ops.stipple.select_box(camera="Camera", xmin=-200, xmax=300, ymin=-200, ymax=300),
+        lambda: bpy.ops.stipple.select_lasso(camera="Camera", path=everything),
+        lambda: bpy.ops.stipple.select_depth(camera="Camera", near=0, far=100),
+    ):
+        bpy.ops.stipple.select_all(action="DESELECT")
+        select()
+        assert np.array_equal(flags(b_object, SELECTED), kept)
+    camera = camera_from_blender(bpy.context.scene.camera, bpy.context.scene.render)
+    picker = Picker.of_session(bpy.context, session_in(bpy.context), camera)
+    found = [picker.pick(x, 30) for x in range(0, 80, 2)]
+    assert all(pick is None or kept[pick.splat] for pick in found) and any(found)
 
 
 def test_a_stroke_of_circles_adds_and_takes_away(b_object: Any) -> None:
