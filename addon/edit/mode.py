@@ -19,7 +19,7 @@ from ...engine.errors import StippleError
 from ..linked_capture import is_linked
 from ..linked_edits import found_edits
 from ..point_rows import check_points_only, replace_points
-from ..splat_data import POINT_TYPES, is_capture, splat_count_of, states_of, usable_rows, write_states
+from ..splat_data import is_capture_object, splat_count_of, states_of, usable_rows, write_states
 from . import kernels, session
 
 MARK = "stipple_editing"
@@ -29,25 +29,29 @@ log = logging.getLogger(__package__)
 def edited_object(context: Any) -> Any:
     """The active object while it is a capture in Edit Splats; else None."""
     b_object = getattr(context, "object", None)
-    if b_object is None or context.mode != "OBJECT" or not getattr(b_object, MARK):
+    if not is_capture_object(b_object) or context.mode != "OBJECT" or not getattr(b_object, MARK):
         return None
-    return b_object if b_object.type in POINT_TYPES and is_capture(b_object.data) else None
+    return b_object
 
 
-class STIPPLE_OT_edit_mode_toggle(bpy.types.Operator):
-    """Edit the splats of the active capture, or go back to whole objects; deleted splats are taken out on leaving"""
+class OnActiveCapture:
+    """Operators on the active object where it is a capture, in Object Mode or in Edit Splats."""
 
-    bl_idname = "stipple.edit_mode_toggle"
-    bl_label = "Edit Splats"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        b_object = getattr(context, "object", None)
-        if context.mode != "OBJECT" or b_object is None or b_object.type not in POINT_TYPES:
-            cls.poll_message_set("Make a capture the active object in Object Mode")
-            return False
-        return is_capture(b_object.data)
+        if context.mode == "OBJECT" and is_capture_object(getattr(context, "object", None)):
+            return True
+        cls.poll_message_set("Make a capture the active object in Object Mode")  # type: ignore[attr-defined]
+        return False
+
+
+class STIPPLE_OT_edit_mode_toggle(OnActiveCapture, bpy.types.Operator):
+    """Edit the splats of the active capture, or go back to whole objects; deleted splats are taken out on leaving"""
+
+    bl_idname = "stipple.edit_mode_toggle"
+    bl_label = "Edit Splats"
 
     def execute(self, context: Any) -> set[str]:
         b_object = context.object
@@ -95,14 +99,11 @@ def keep_rows(b_data: Any, kept: np.ndarray, name: str) -> None:
     b_data.update_tag()
 
 
-class STIPPLE_OT_delete_invalid(bpy.types.Operator):
+class STIPPLE_OT_delete_invalid(OnActiveCapture, bpy.types.Operator):
     """Take out splats that cannot be drawn: values that are no numbers, negative sizes, no orientation"""
 
     bl_idname = "stipple.delete_invalid"
     bl_label = "Delete Invalid"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
-
-    poll = STIPPLE_OT_edit_mode_toggle.poll
 
     def execute(self, context: Any) -> set[str]:
         b_object = context.object

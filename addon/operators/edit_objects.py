@@ -12,13 +12,13 @@ from mathutils import Matrix
 
 from ...engine.errors import StippleError
 from .. import sync
-from ..edit.mode import Reported, edited_object
+from ..edit.mode import OnActiveCapture, Reported, edited_object
 from ..edit.operator import SplatOperator, busy, redraw, session_in
 from ..edit.pairs import PairsOperator
 from ..edit.session import check_editable, session_of
 from ..linked_capture import is_linked
 from ..point_rows import check_points_only
-from ..splat_data import POINT_TYPES, cloud_from_datablock, datablock_from_cloud, is_capture
+from ..splat_data import cloud_from_datablock, datablock_from_cloud, is_capture_object
 
 
 class STIPPLE_OT_separate(SplatOperator, bpy.types.Operator):
@@ -67,7 +67,7 @@ class STIPPLE_OT_join(bpy.types.Operator):
         if context.mode != "OBJECT" or b_active is None or b_active not in b_selected or len(b_selected) < 2:
             cls.poll_message_set("Select two or more captures, the one to join into last")
             return False
-        return b_active.type in POINT_TYPES and is_capture(b_active.data)
+        return is_capture_object(b_active)
 
     def execute(self, context: Any) -> set[str]:
         """All or none: what is joined is removed only once the active capture holds it."""
@@ -94,7 +94,7 @@ class STIPPLE_OT_join(bpy.types.Operator):
     @staticmethod
     def _check(b_active: Any, b_others: list[Any]) -> None:
         for b_object in [b_active, *b_others]:
-            if b_object.type not in POINT_TYPES or not is_capture(b_object.data):
+            if not is_capture_object(b_object):
                 raise StippleError(f"{b_object.name}: this is no capture; select captures only to join them.")
             if is_linked(b_object.data):
                 raise StippleError(f"{b_object.name}: its splats stay in their file; import the file to join it.")
@@ -127,12 +127,11 @@ def _kept_in(b_object: Any, b_matrix_world: Matrix) -> Any:
     return transform_cloud(cloud, np.linalg.solve(to_other, to_world)[:3])
 
 
-class STIPPLE_OT_align_points(PairsOperator, bpy.types.Operator):
+class STIPPLE_OT_align_points(OnActiveCapture, PairsOperator, bpy.types.Operator):
     """Bring three points of the active capture to three other points, by moving and turning the object"""
 
     bl_idname = "stipple.align_points"
     bl_label = "Align by Three Points"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
     source_1: FloatVectorProperty(  # type: ignore[valid-type]
         name="Source 1", description="Place on the active capture, in the world", subtype="XYZ_LENGTH"
     )
@@ -152,14 +151,6 @@ class STIPPLE_OT_align_points(PairsOperator, bpy.types.Operator):
         name="Target 3", description="Place that it is brought to, in the world", subtype="XYZ_LENGTH"
     )
     use_scale: BoolProperty(name="Scale", description="Also scale the object", default=True)  # type: ignore[valid-type]
-
-    @classmethod
-    def poll(cls, context: Any) -> bool:
-        b_object = getattr(context, "object", None)
-        if context.mode != "OBJECT" or b_object is None or b_object.type not in POINT_TYPES:
-            cls.poll_message_set("Make a capture the active object in Object Mode")
-            return False
-        return is_capture(b_object.data)
 
     def execute(self, context: Any) -> set[str]:
         from ...engine.edit.align import align_points
