@@ -45,8 +45,8 @@ class DragOperator:
             self._begin = self._mouse = np.array([event.mouse_region_x, event.mouse_region_y], float)
             self._axes, self._plane, self._typed, self._precise = "", False, "", None
             self._angle = 0.0
-            context.window_manager.modal_handler_add(self)
             self._say(context)
+            context.window_manager.modal_handler_add(self)
             return {"RUNNING_MODAL"}
         return {"CANCELLED"}
 

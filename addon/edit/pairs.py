@@ -36,8 +36,8 @@ class PairsOperator:
             self._points: list[np.ndarray] = []
             self._overlay = Overlay(context, lambda: self._draw(context))
             context.window.cursor_modal_set("CROSSHAIR")
-            context.window_manager.modal_handler_add(self)
             self._say(context)
+            context.window_manager.modal_handler_add(self)
             return {"RUNNING_MODAL"}
         return {"CANCELLED"}
 

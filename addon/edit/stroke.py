@@ -63,10 +63,15 @@ class StrokeOperator:
             self.begin(context, self._session, event)
             self._overlay = Overlay(context, lambda: draw_circle(tuple(self._mouse), self.brush_radius(context)))
             context.workspace.status_text_set(self.hint)
-            context.window_manager.modal_handler_add(self)
             if event.type == "LEFTMOUSE" and event.value != "RELEASE" and not self.stays:
                 self._down = True
-                self._dab_to(context, self._mouse, first=True)
+                try:
+                    self._dab_to(context, self._mouse, first=True)
+                except BaseException:
+                    self._end(context, cancelled=True)
+                    raise
+            # Last: Blender crashes where an operator has a handler and does not go on.
+            context.window_manager.modal_handler_add(self)
             return {"RUNNING_MODAL"}
         return {"CANCELLED"}
 

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -18,6 +19,8 @@ from ..edit.properties import BRUSH_MODES, FALLOFFS
 from ..edit.session import EditSession
 from ..edit.stroke import StrokeOperator
 from ..edit.visible import Picker
+
+SLOW = 0.06  # [s] a dab; several of them come with a movement of the mouse
 
 
 class StippleDab(bpy.types.PropertyGroup):
@@ -48,7 +51,11 @@ class BallStroke(StrokeOperator, SplatOperator):
         b_dab.radius = self._picker.radius_at(found.position_world, self.brush_radius(context))
         if self._engine_stroke is None:
             self._engine_stroke = self.start(context, session)
-        self._engine_stroke.dab(tuple(b_dab.location), b_dab.radius)
+        self.touch(self._engine_stroke, b_dab, shown=True)
+
+    def touch(self, engine_stroke: Any, b_dab: Any, shown: bool) -> None:
+        """Do one dab, which the user sees at once if `shown`."""
+        engine_stroke.dab(tuple(b_dab.location), b_dab.radius)
 
     def finish(self, session: EditSession) -> Any:
         return None if self._engine_stroke is None else self._engine_stroke.finish()
@@ -65,7 +72,7 @@ class BallStroke(StrokeOperator, SplatOperator):
             engine_stroke = self.start(context, session)
             try:
                 for b_dab in self.stroke:  # type: ignore[attr-defined]
-                    engine_stroke.dab(tuple(b_dab.location), b_dab.radius)
+                    self.touch(engine_stroke, b_dab, shown=False)
             except BaseException:
                 engine_stroke.cancel()
                 raise
@@ -109,6 +116,8 @@ class STIPPLE_OT_paint(BallStroke, bpy.types.Operator):
     )
     build_up: BoolProperty(name="Accumulate", description="Let dabs of the stroke add up", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     selected_only: BoolProperty(name="Selected Only", description="Paint only selected splats", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    if TYPE_CHECKING:  # Blender must not see it
+        _quick: bool  # whether harmonics are painted with every dab that shows
 
     def begin(self, context: Any, session: EditSession, event: Any) -> None:
         """The brush is that of the tool's settings, where the caller asks for no other."""
@@ -119,6 +128,12 @@ class STIPPLE_OT_paint(BallStroke, bpy.types.Operator):
         if not self.properties.is_property_set("mode"):
             self.mode = b_brush.brush_mode
         super().begin(context, session, event)
+
+    def touch(self, engine_stroke: Any, b_dab: Any, shown: bool) -> None:
+        """Harmonics follow at the stroke's end where nobody sees it, or where a dab took too long with them."""
+        begin = time.perf_counter()
+        engine_stroke.dab(tuple(b_dab.location), b_dab.radius, shown and self._quick)
+        self._quick = self._quick and time.perf_counter() - begin < SLOW
 
     def start(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.brush import Brush
@@ -133,6 +148,7 @@ class STIPPLE_OT_paint(BallStroke, bpy.types.Operator):
             falloff=self.falloff.lower(),
             build_up=self.build_up,
         )
+        self._quick = True
         within = selected_or_refuse(session.cloud, "paint") if self.selected_only else None
         return PaintStroke(session.cloud, brush, world_from_object(context), within, self.bl_label)
 

@@ -44,7 +44,7 @@ class TransformOperator(SplatOperator):
         return {"MEDIAN": middle, "CURSOR": np.array(context.scene.cursor.location), "ORIGIN": placed[:, 3]}[pivot]
 
 
-class STIPPLE_OT_translate(TransformOperator, DragOperator, bpy.types.Operator):
+class STIPPLE_OT_translate(DragOperator, TransformOperator, bpy.types.Operator):
     """Move the selected splats"""
 
     bl_idname = "stipple.translate"
@@ -58,7 +58,7 @@ class STIPPLE_OT_translate(TransformOperator, DragOperator, bpy.types.Operator):
         return affine.translation(tuple(self.value))
 
 
-class STIPPLE_OT_rotate(TransformOperator, DragOperator, bpy.types.Operator):
+class STIPPLE_OT_rotate(DragOperator, TransformOperator, bpy.types.Operator):
     """Rotate the selected splats, with the colors that depend on the view"""
 
     bl_idname = "stipple.rotate"
@@ -76,7 +76,7 @@ class STIPPLE_OT_rotate(TransformOperator, DragOperator, bpy.types.Operator):
         return affine.rotation(tuple(self.axis), self.value, pivot)
 
 
-class STIPPLE_OT_resize(TransformOperator, DragOperator, bpy.types.Operator):
+class STIPPLE_OT_resize(DragOperator, TransformOperator, bpy.types.Operator):
     """Scale the selected splats, their sizes and their distances"""
 
     bl_idname = "stipple.resize"

@@ -129,7 +129,8 @@ def run(scenarios: Mapping[str, Callable[[Window], Steps]]) -> None:
         except StopIteration:
             (output / "results.json").write_text(json.dumps(state["window"].results))
         except BaseException:
-            (output / "error.txt").write_text(traceback.format_exc())
+            found = state["window"].results if "window" in state else {}
+            (output / "error.txt").write_text(f"{traceback.format_exc()}until then: {json.dumps(found)}\n")
         bpy.ops.wm.quit_blender()
         return None
 
