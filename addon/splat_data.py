@@ -12,7 +12,9 @@ Names and meanings are those of Blender 5.3's native Gaussian splats:
 | `radiance:sh_0` | FLOAT_VECTOR, one per SH coefficient  | raw coefficients of the bands above 0, in order, r, g, b |
 | `stipple_state` | INT, only while there is something    | flags of an edit: the bits of `engine.edit.state`        |
 
-Values travel bit by bit in both directions. Reading accepts original and evaluated datablocks of either kind.
+Values travel bit by bit in both directions. Reading accepts original and evaluated datablocks of either kind, and what
+the PLY importer of Blender 5.3 makes; there, a PointCloud of this module has the type that Blender's engines draw as
+splats.
 """
 
 from __future__ import annotations
@@ -180,6 +182,8 @@ def _new_points(name: str, count: int) -> Any:
     if "resize" in bpy.types.PointCloud.bl_rna.functions:
         b_points = bpy.data.pointclouds.new(name)
         b_points.resize(count)
+        if "type" in bpy.types.PointCloud.bl_rna.properties:  # Blender 5.3: its own engines then draw splats, too
+            b_points.type = "GAUSSIAN_SPLAT"
         return b_points
     b_mesh = bpy.data.meshes.new(name)
     b_mesh.vertices.add(count)

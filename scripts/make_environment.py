@@ -21,7 +21,8 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXTRAS = {"run": "blender", "dev": "blender,cli,dev"}
+BLENDER = "blender-5-3" if os.environ.get("STIPPLE_BLENDER") == "5.3" else "blender"  # else the LTS of this Python
+EXTRAS = {"run": BLENDER, "dev": f"{BLENDER},cli,dev"}
 BROKEN = "installing"  # a file in the environment while packages are being installed
 
 

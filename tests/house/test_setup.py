@@ -110,5 +110,5 @@ def test_the_named_python_is_taken_or_refused(root: Path) -> None:
     assert (found.returncode, found.stdout.strip()) == (0, sys.executable)
     refused = run_setup(root, "find", STIPPLE_PYTHON="/nowhere/python")
     assert (refused.returncode, len(refused.stderr.splitlines())) == (1, 1)
-    unknown = run_setup(root, STIPPLE_VERSION="3.9")
+    unknown = run_setup(root, STIPPLE_BLENDER="3.6")
     assert unknown.returncode == 2
