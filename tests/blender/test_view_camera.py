@@ -13,6 +13,8 @@ from mathutils import Matrix
 
 from stipple.addon.camera import OPENCV_FROM_BLENDER, camera_from_blender
 from stipple.addon.view_camera import WHOLE, ViewportView, view_of
+from stipple.addon.viewport import COARSEST
+from stipple.engine.rays.support import make_frustum
 
 from .captures import add_camera, use_stipple
 
@@ -103,3 +105,22 @@ def test_a_border_outside_shows_everything(border: tuple[float, float, float, fl
     from stipple.addon.view_camera import _inside
 
     assert _inside(border) == WHOLE
+
+
+def test_what_rays_cull_for_the_coarsest_picture_holds_the_borders_of_all() -> None:
+    """A viewport sorts once, for its coarsest picture; that one's border is rounded to coarser pixels."""
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        width, height = (int(size) for size in rng.integers(60, 2000, 2))
+        left, bottom = rng.uniform(0.0, 0.6, 2)
+        border = (left, bottom, *(np.array([left, bottom]) + rng.uniform(0.02, 0.4, 2)))
+        clip = ((2.0, 0.0, 0.1, 0.0), (0.0, 3.0, -0.2, 0.0), (0.0, 0.0, -1.01, -0.2), (0.0, 0.0, -1.0, 0.0))
+        view = ViewportView(clip, rows(np.eye(3, 4)), width, height, border)
+        frustum = make_frustum(view.camera(COARSEST))
+        for divider in (1, 2, 4):
+            camera = view.camera(divider)
+            x, y, across, down = camera.rendered_window
+            for corner in ((x, y), (x + across, y + down)):
+                slope = (np.array(corner) - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+                for plane in (frustum.left, frustum.right, frustum.top, frustum.bottom):
+                    assert np.dot(np.array(plane), (*slope, 1.0, 0.0)) > 0.0
