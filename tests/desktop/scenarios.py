@@ -49,6 +49,35 @@ def alignment(window: Window) -> Steps:
         yield from window.shot(f"{kind}-splats")
 
 
+def borders(window: Window) -> Steps:
+    """A camera view with lens shift and a perspective view, each whole and with a render region of its own."""
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+
+    b_render = use_stipple().render
+    window.bare()
+    b_mesh = bpy.data.objects["Cube"]
+    cube_of_splats().parent = b_mesh
+    b_mesh.hide_set(True)
+    window.b_space.shading.type = "RENDERED"
+    for kind, b_border, prefix in (("CAMERA", b_render, ""), ("PERSP", window.b_space, "render_")):
+        look(window, kind, b_mesh)
+        yield from window.rest()
+        yield from window.shot(f"{kind}-whole")
+        for name, value in (("min_x", 0.3), ("max_x", 0.55), ("min_y", 0.35), ("max_y", 0.6)):
+            setattr(b_border, f"{prefix}border_{name}", value)
+        setattr(b_border, f"use_{prefix}border", True)
+        yield from window.rest()
+        yield from window.shot(f"{kind}-border")
+        setattr(b_border, f"use_{prefix}border", False)
+    b_scene = bpy.context.scene
+    look(window, "CAMERA", b_mesh)
+    yield from window.rest()
+    corners = [b_scene.camera.matrix_world @ corner for corner in b_scene.camera.data.view_frame(scene=b_scene)]
+    places = [location_3d_to_region_2d(window.b_region, window.b_region_3d, corner) for corner in corners]
+    window.results["frame"] = [min(p.x for p in places), min(p.y for p in places)]
+    window.results["frame"] += [max(p.x for p in places), max(p.y for p in places)]
+
+
 def final_render(window: Window) -> Steps:
     """The camera view at the size of the final render, and the final render; of a capture, or a cube of splats."""
     method, *capture = sys.argv[sys.argv.index("--") + 3 :]
@@ -108,6 +137,6 @@ def moving(window: Window) -> Steps:
     yield from compare(window, frames=(1, 3))
 
 
-SCENARIOS = {"alignment": alignment, "final_render": final_render, "moving": moving}
+SCENARIOS = {"alignment": alignment, "borders": borders, "final_render": final_render, "moving": moving}
 
 run(SCENARIOS)

@@ -35,6 +35,24 @@ def test_splats_lie_under_the_mesh_they_copy(tmp_path: Path) -> None:
         assert (mesh ^ splats).sum() < 0.04 * mesh.sum(), kind
 
 
+def test_a_render_region_shows_its_part_of_the_same_picture(tmp_path: Path) -> None:
+    """Of the camera's frame, with lens shift, and of the whole 3D view in perspective."""
+    results = run_scenario("scenarios.py", "borders", tmp_path)
+    width, height = results["PERSP-whole"][2:]
+    for kind, (left, bottom, right, top) in (("CAMERA", results["frame"]), ("PERSP", (0, 0, width, height))):
+        whole, bordered = (region_of(tmp_path, f"{kind}-{name}", results) for name in ("whole", "border"))
+        # Pixels from the top left of what `region_of` leaves.
+        columns = left + np.array([0.3, 0.55]) * (right - left) - 40
+        rows = height - (bottom + np.array([0.6, 0.35]) * (top - bottom)) - 70
+        (x0, x1), (y0, y1) = columns.astype(int), rows.astype(int)
+        inside = np.abs(whole - bordered)[y0 + 3 : y1 - 2, x0 + 3 : x1 - 2]
+        assert inside.size and inside.max() <= 1, kind
+        is_red = bordered[..., 0] - bordered[..., 2] > 110
+        assert is_red[y0 + 3 : y1 - 2, x0 + 3 : x1 - 2].mean() > 0.2, kind
+        is_red[max(0, y0 - 3) : y1 + 3, max(0, x0 - 3) : x1 + 3] = False
+        assert not is_red.any(), kind
+
+
 @pytest.mark.parametrize("method", ["SORTED", "RAYS", "POINTS"])
 def test_the_viewport_equals_the_final_render(method: str, tmp_path: Path) -> None:
     results = run_scenario("scenarios.py", "final_render", tmp_path, method)
