@@ -38,6 +38,7 @@ class StippleLinkedCapture(bpy.types.PropertyGroup):
     sh_degree: IntProperty(name="SH Degree", min=0, max=4)  # type: ignore[valid-type]
     bounds_low: FloatVectorProperty(name="Smallest", size=3, subtype="XYZ")  # type: ignore[valid-type]
     bounds_high: FloatVectorProperty(name="Largest", size=3, subtype="XYZ")  # type: ignore[valid-type]
+    proxy_step: IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # splats of the file per point
     edits: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # see `linked_edits`
     edits_file: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # beside the .blend
 
@@ -118,6 +119,7 @@ def _note(b_data: Any, capture: CaptureFile, survey: Survey) -> None:
     b_capture.fingerprint = fingerprint_text(capture)
     b_capture.splat_count, b_capture.sh_degree = min(survey.splat_count, (1 << 31) - 1), capture.sh_degree
     b_capture.bounds_low, b_capture.bounds_high = survey.bounds
+    b_capture.proxy_step = survey.step
 
 
 def _path_for_blend(path: Path) -> str:

@@ -19,8 +19,11 @@ from bpy.app.handlers import persistent
 
 from ..engine.errors import StippleError
 from . import sync
+from .edit.mode import MARK
+from .edit.solid import point_states, seen_flags
 from .overlay_points import overlay_points
 from .render_engine import ENGINE_ID
+from .sequence import plays
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
 
 POINTS_PER_VIEW = 1_000_000  # instances share them
@@ -62,7 +65,7 @@ class CaptureOverlay:
 
     def free(self) -> None:
         """Forgets everything, as after loading a file or an undo."""
-        self._points: WeakValueDictionary[tuple[int, int, int], DrawnPoints] = WeakValueDictionary()
+        self._points: WeakValueDictionary[tuple[int, int, int, int], DrawnPoints] = WeakValueDictionary()
         self._shown: dict[int, Shown] = {}
         self._changed: set[int] = set()
         self._stale, self._generation = True, 0
@@ -151,7 +154,7 @@ class CaptureOverlay:
         boxes: dict[str, list[Any]] = {}
         for b_instance, b_object in _captures(context.evaluated_depsgraph_get(), b_space):
             world_from_object = b_instance.matrix_world.copy()
-            drawn = self._points_of(b_instance, b_object)
+            drawn = self._points_of(b_instance, b_object, context.scene.stipple_edit.show_highlight)
             if drawn is not None and b_object.display_type in ("SOLID", "TEXTURED"):
                 points.append((drawn, world_from_object, b_object.show_in_front))
             colour_name = _outline_colour(context, b_instance, b_object)
@@ -163,19 +166,21 @@ class CaptureOverlay:
         batches = {name: lines_batch(np.array(several[:BOXES_PER_VIEW])) for name, several in boxes.items()}
         return Shown(self._generation, visibility, tuple(points), batches)
 
-    def _points_of(self, b_instance: Any, b_object: Any) -> DrawnPoints | None:
+    def _points_of(self, b_instance: Any, b_object: Any, show_highlight: bool) -> DrawnPoints | None:
         b_data = b_object.data
         b_original = b_object.original  # whose data it is: before Blender 5, evaluated data forgets its original
         b_shown = b_instance.parent.original if b_instance.is_instance else b_original
         uids = frozenset(b_id.session_uid for b_id in (b_original.data, b_original, b_shown))
-        key = (b_data.as_pointer(), b_original.data.session_uid, splat_count_of(b_data))
+        seen = seen_flags(getattr(b_original, MARK), show_highlight)
+        key = (b_data.as_pointer(), b_original.data.session_uid, splat_count_of(b_data), seen)
         drawn = self._points.get(key)
         if drawn is not None or uids & self._broken:
             return drawn
         from .overlay_draw import points_batch
 
         try:
-            points = overlay_points(b_data, b_object.name)
+            states = None if plays(b_object) else point_states(b_data)
+            points = overlay_points(b_data, b_object.name, states=None if states is None else states & np.uint32(seen))
         except StippleError as error:
             log.warning("%s", error)
             self._broken |= uids

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.edit.state_bits import DELETED, HIDDEN, HIGHLIGHT, LOCKED, SELECTED
 from ..engine.splats import SH_C0
 from .splat_data import BASE, display_radius, read_attribute, splat_count_of
 
@@ -31,19 +32,27 @@ class OverlayPoints:
     colour: FloatArray
 
 
-def overlay_points(b_data: Any, name: str, most: int = MOST_POINTS) -> OverlayPoints:
+def overlay_points(
+    b_data: Any, name: str, most: int = MOST_POINTS, states: npt.NDArray[np.uint32] | None = None
+) -> OverlayPoints:
     """At most `most` points of a datablock: base colors without view dependence, and the radii Blender draws.
 
-    Where splats are left out the others grow by as much as keeps a surface closed. Those that cannot be rendered or
-    seen are left out. Raises StippleError, naming `name`, for a capture with broken attributes.
+    `states` (N,) are the flags that count: hidden and deleted points are left out, selected ones are tinted as in
+    Rendered shading. Where splats are left out the others grow by as much as keeps a surface closed. Those that cannot
+    be rendered or seen are left out. Raises StippleError, naming `name`, for a capture with broken attributes.
     """
     chosen = _spread(splat_count_of(b_data), most)
     position, base = read_attribute(b_data, "position", name)[chosen], read_attribute(b_data, BASE, name)[chosen]
     radius = _radius(b_data, name)[chosen] * np.sqrt(max(1.0, splat_count_of(b_data) / max(1, len(chosen))))
     seen = np.isfinite(position).all(axis=1) & np.isfinite(base).all(axis=1) & (base[:, 3] >= FAINTEST)
     seen &= np.isfinite(radius) & (radius >= 0)
-    colour = np.ones((int(seen.sum()), 4), np.float32)
-    colour[:, :3] = np.clip(0.5 + SH_C0 * base[seen, :3], 0, 1) ** OVERLAY_GAMMA
+    words = np.zeros(len(chosen), np.uint32) if states is None else states[chosen]
+    seen &= (words & np.uint32(HIDDEN | DELETED)) == 0
+    encoded = np.clip(0.5 + SH_C0 * base[seen, :3], 0, 1)
+    acting = (words[seen] & np.uint32(SELECTED | LOCKED)) == SELECTED
+    encoded[acting] = 0.5 * (encoded[acting] + np.array(HIGHLIGHT, np.float32))
+    colour = np.ones((len(encoded), 4), np.float32)
+    colour[:, :3] = encoded**OVERLAY_GAMMA
     place = np.concatenate([position[seen], radius[seen, None]], axis=1, dtype=np.float32)
     return OverlayPoints(np.ascontiguousarray(place), colour)
 

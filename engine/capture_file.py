@@ -36,13 +36,14 @@ class Survey:
 
     - `splat_count`: that can be rendered; `dropped`: of the others.
     - `bounds`: of the means [object units].
-    - `sample`: at most 100,000 splats at even steps through the file.
+    - `sample`: at most 100,000 splats, every `step`-th of those that can be rendered.
     """
 
     splat_count: int
     dropped: Dropped
     bounds: Bounds
     sample: SplatCloud
+    step: int
 
 
 @dataclass
@@ -158,4 +159,4 @@ def _survey(source: SplatSource, progress: Progress | None) -> Survey:
             sampled.append({name: getattr(chunk, name)[first::step].copy() for name in ARRAY_NAMES})
             count += chunk.splat_count
     arrays = {name: np.concatenate([part[name] for part in sampled]) for name in ARRAY_NAMES}
-    return Survey(count, dropped, (low, high), SplatCloud(**arrays, name=source.name))
+    return Survey(count, dropped, (low, high), SplatCloud(**arrays, name=source.name), step)

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from .edit.state import acts, shown
+from .edit.state_bits import HIGHLIGHT
 from .groups import SplatGroups
 from .maths.packing import unpack_colour, unpack_largest_scale, unpack_position, unpack_rotation, unpack_scale
 from .maths.sh import SH_C0, rest_count_of_degree, sh_basis
@@ -18,8 +19,6 @@ from .splats import SH_REST_COUNT, SplatCloud, rest_words_of_degree
 
 wp.set_module_options({"enable_backward": False})
 
-HIGHLIGHT = (1.0, 0.45, 0.05)
-"""What selected splats are mixed with while a capture is edited (sRGB-encoded), half and half."""
 HIGHLIGHT_COLOUR = wp.constant(wp.vec3(*HIGHLIGHT))
 
 

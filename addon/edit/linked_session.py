@@ -21,6 +21,7 @@ from ..point_rows import Rows
 from ..residency import linked
 from .preview import LinkedPreview
 from .session import EditSession
+from .solid import show_points
 
 if TYPE_CHECKING:
     import warp as wp
@@ -65,6 +66,7 @@ class LinkedSession(EditSession):
                 done = True
             edits = self.cloud.edits_after(step)
             linked_edits.put_edits(b_data, edits)
+            show_points(b_data, True)
         except BaseException:
             if done:
                 step.revert(self.cloud)

@@ -21,6 +21,7 @@ from ..linked_edits import found_edits
 from ..point_rows import check_points_only, replace_points
 from ..splat_data import is_capture_object, splat_count_of, states_of, usable_rows, write_states
 from . import kernels, session
+from .solid import show_points
 
 MARK = "stipple_editing"
 log = logging.getLogger(__package__)
@@ -63,6 +64,7 @@ class STIPPLE_OT_edit_mode_toggle(OnActiveCapture, bpy.types.Operator):
                 if is_linked(b_object.data):
                     found_edits(b_object.data, b_object.name)  # says now what is wrong with them
                 setattr(b_object, MARK, True)
+                show_points(b_object.data, True)
                 if not bpy.app.background:
                     from ..sync import DEVICE  # which imports this module
 
@@ -86,6 +88,7 @@ def leave(b_object: Any) -> None:
     if deleted.any():
         keep_rows(b_data, ~deleted, b_object.name)
     setattr(b_object, MARK, False)
+    show_points(b_data, False)
     session.drop(b_data)
 
 

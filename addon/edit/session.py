@@ -35,6 +35,7 @@ from ..splat_data import (
     write_states,
 )
 from .preview import Preview
+from .solid import show_points
 
 if TYPE_CHECKING:
     import warp as wp
@@ -111,6 +112,8 @@ class EditSession:
         write_arrays(b_data, cloud, changed)
         if "state" in changed:
             write_states(b_data, self.states())
+        if changed & {"state", "scale", "opacity"}:
+            show_points(b_data, True)
         self._written = dict(now)
         if changed - {"state"}:
             self._key = key_after(self._key, b_data, self.name, changed)
@@ -124,6 +127,7 @@ class EditSession:
         if self.cloud.versions != self._written:
             write_arrays(b_data, self.snapshot(), ARRAY_NAMES)
             write_states(b_data, self.states())
+            show_points(b_data, True)
         self._written = dict(self.cloud.versions)
 
     def snapshot(self) -> SplatCloud:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...engine.capture_file import CaptureFile
-from ...engine.edit.state_bits import DELETED, HIDDEN, LOCKED, SELECTED
+from ...engine.edit.state_bits import DELETED
 from ...engine.scene import Instance, SplatStates
 from ..linked_capture import is_linked
 from ..linked_edits import edited_capture, found_edits
@@ -20,6 +20,7 @@ from ..sequence import plays
 from ..splat_data import states_of, usable_rows
 from .mode import MARK
 from .preview import preview_of
+from .solid import seen_flags
 
 Shown = tuple[tuple[Instance, ...], str]
 """What stands for an instance, and a notice for the user; "" for none."""
@@ -36,11 +37,7 @@ def shown_in_render(instance: Instance, b_object: Any, dropped: int) -> Shown:
 def shown_in_viewport(instance: Instance, b_object: Any, dropped: int, b_scene: Any) -> Shown:
     """As `shown_in_render` for viewports, where what is edited shows what is hidden and selected, and what a modal
     operator has not written yet."""
-    seen = DELETED
-    if getattr(b_object.original, MARK):
-        seen |= HIDDEN | LOCKED
-        if b_scene.stipple_edit.show_highlight:
-            seen |= SELECTED
+    seen = seen_flags(getattr(b_object.original, MARK), b_scene.stipple_edit.show_highlight)
     preview = preview_of(b_object)
     if preview is not None:
         return preview.instances(instance, seen), ""

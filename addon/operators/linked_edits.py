@@ -13,6 +13,7 @@ from bpy_extras.io_utils import ExportHelper
 from ...engine.capture_file import CaptureFile
 from ...engine.errors import Cancelled, StippleError
 from ..edit.mode import Reported
+from ..edit.solid import show_points
 from ..linked_capture import link_anew
 from ..linked_edits import discard_edits, found_edits, has_edits
 from ..preferences import cache_places
@@ -93,6 +94,7 @@ class STIPPLE_OT_discard_edits(OnLinkedCapture, bpy.types.Operator):
 
     def execute(self, context: Any) -> set[str]:
         discard_edits(context.object.data)
+        show_points(context.object.data, False)
         return {"FINISHED"}
 
 

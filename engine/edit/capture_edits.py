@@ -158,6 +158,14 @@ class CaptureEdits:
             states |= bits * np.uint8(FLAGS[name])
         return states.astype(np.uint32)
 
+    def states_at(self, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.uint32]:
+        """The flags of some splats, without looking at the others."""
+        states = np.zeros(len(rows), np.uint32)
+        for name in FLAGS.keys() & self.arrays.keys():
+            bits = (self.arrays[name][rows >> 3] >> (rows & 7).astype(np.uint8)) & np.uint8(1)
+            states |= bits.astype(np.uint32) * np.uint32(FLAGS[name])
+        return states
+
     def has_flag(self, name: str, begin: int, end: int) -> npt.NDArray[np.bool_]:
         """Which of the splats from `begin` to before `end` have a flag."""
         if name not in self.arrays:

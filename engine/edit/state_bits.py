@@ -10,3 +10,6 @@ LOCKED = 8  # shown, but neither selectable nor changeable
 # Bits 4 to 31 are free; whoever takes one adds it here.
 
 NOT_SELECTABLE = HIDDEN | DELETED | LOCKED
+
+HIGHLIGHT = (1.0, 0.45, 0.05)
+"""What selected splats are mixed with while a capture is edited (sRGB-encoded), half and half."""

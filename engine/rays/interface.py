@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..device_cloud import HIGHLIGHT
 from ..device_look import RIM_SHADE, SHADE_SLOPE
+from ..edit.state_bits import HIGHLIGHT
 
 GLSL_VERSION = "#version 400 core"  # 400 for per-sample interpolation
 

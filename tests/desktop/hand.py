@@ -87,12 +87,12 @@ def digest() -> tuple[int, ...]:
     return tuple(found)
 
 
-def _prepare(window: Any, capture: str) -> None:
+def _prepare(window: Any, capture: str, link: bool) -> None:
     """The capture alone in the rendered view, the add-on's sidebar open."""
     bpy.context.scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.18, 0.18, 0.18, 1)
     bpy.ops.object.select_all(action="SELECT")
     bpy.ops.object.delete()
-    bpy.ops.import_scene.splats(filepath=capture)
+    bpy.ops.import_scene.splats(filepath=capture, link=link)
     window.b_space.show_region_ui = True
     window.b_space.shading.type = "RENDERED"
     with bpy.context.temp_override(window=window.b_window, area=window.b_area, region=window.b_region):
@@ -108,9 +108,12 @@ def _show_sidebar(window: Any) -> None:
             b_region.active_panel_category = "Stipple"
 
 
-def begin_editing(window: Any, hand: Hand, capture: str) -> Any:
-    """E over the capture, and until the kernels of edits are there; what a key does before goes to the results."""
-    _prepare(window, capture)
+def begin_editing(window: Any, hand: Hand, capture: str, link: bool = False) -> Any:
+    """E over the capture, imported or linked, and until the kernels of edits are there.
+
+    What a key does before goes to the results.
+    """
+    _prepare(window, capture, link)
     yield from window.rest()
     _show_sidebar(window)
     kernels = import_module(f"{PACKAGE}.addon.edit.kernels")

@@ -10,26 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from mathutils import Euler
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from scenarios_editing import Hand, show_sidebar
+from hand import Hand, begin_editing, choose_tool
 from window import PACKAGE, Steps, Window, run, use_stipple
-
-
-def prepare(window: Any, capture: Path) -> None:
-    """A link to the capture alone in the rendered view, its panel beside it."""
-    b_scene = use_stipple()
-    b_scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.18, 0.18, 0.18, 1)
-    bpy.ops.object.select_all(action="SELECT")
-    bpy.ops.object.delete()
-    bpy.ops.import_scene.splats(filepath=str(capture), link=True)
-    window.b_space.show_region_ui = True
-    window.b_space.shading.type = "RENDERED"
-    with bpy.context.temp_override(window=window.b_window, area=window.b_area, region=window.b_region):
-        bpy.ops.view3d.view_selected()
-    window.b_region_3d.view_perspective = "PERSP"
-    window.b_region_3d.view_rotation = Euler((1.35, 0, 0.5)).to_quaternion()
 
 
 def show_panel(window: Any) -> None:
@@ -51,11 +35,9 @@ def linked(window: Window) -> Steps:
     """Select, delete, undo, move, paint and save."""
     capture = window.output / "garden.ply"
     shutil.copyfile(sys.argv[-1], capture)
-    prepare(window, capture)
-    yield from window.rest()
-    show_sidebar(window)
+    use_stipple()
     hand, results = Hand(window), window.results
-    yield from hand.do(hand.at(0.5, 0.5), "key e")
+    yield from begin_editing(window, hand, str(capture), link=True)
     yield from hand.do("key b")
     yield from hand.drag((0.38, 0.62), (0.5, 0.8), (0.62, 0.95))
     results["selected"] = counts()
@@ -65,8 +47,12 @@ def linked(window: Window) -> Steps:
     results["move undone"] = counts()
     yield from hand.do("key x")
     results["deleted"] = counts()
-    with bpy.context.temp_override(window=window.b_window, area=window.b_area, region=window.b_region):
-        bpy.ops.wm.tool_set_by_id(name="stipple.paint_tool")
+    window.b_space.shading.type = "SOLID"
+    yield from window.rest()
+    yield from window.shot("linked-capture-solid")
+    window.b_space.shading.type = "RENDERED"
+    yield from window.rest()
+    choose_tool(window, "stipple.paint_tool")
     bpy.context.scene.stipple_edit.color, bpy.context.scene.stipple_edit.radius = (0.9, 0.25, 0.1), 30
     yield from hand.drag((0.44, 0.42), (0.47, 0.44), (0.5, 0.44), (0.53, 0.42), (0.56, 0.4))
     results["painted"] = counts()

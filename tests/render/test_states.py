@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stipple.engine.camera import Camera
-from stipple.engine.device_cloud import HIGHLIGHT
 from stipple.engine.edit.state import DELETED, HIDDEN, LOCKED, SELECTED
+from stipple.engine.edit.state_bits import HIGHLIGHT
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene, SplatStates
 from stipple.engine.settings import Settings
