@@ -16,6 +16,7 @@ from ...engine.edit.state_bits import DELETED, HIDDEN
 from ...engine.errors import StippleError
 from ...engine.look import Look
 from ...engine.scene import Instance
+from ...engine.splats import SplatCloud
 from .. import linked_edits
 from ..point_rows import Rows
 from ..residency import linked
@@ -76,6 +77,14 @@ class LinkedSession(EditSession):
 
     def check_new_splats(self, what: str) -> None:
         raise StippleError(no_new_splats(self.name, what))
+
+    def separate(self, name: str, progress: Callable[[float, str], None]) -> tuple[SplatCloud, Step]:
+        """See `EditSession.separate`; the cloud has the file's own values, which are read for it."""
+        from ...engine.edit.edited_copy import read_selection
+        from ...engine.edit.flags import delete
+
+        step = delete(self.cloud)
+        return read_selection(self._capture, self.cloud.edits, name, progress), step
 
     def _edited(self, edits: CaptureEdits) -> EditedCapture:
         return linked_edits.edited_capture(self._capture, edits)

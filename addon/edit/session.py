@@ -147,6 +147,12 @@ class EditSession:
     def check_new_splats(self, what: str) -> None:
         """Raises StippleError where splats cannot be added; asked before anything is done."""
 
+    def separate(self, name: str, progress: Callable[[float, str], None]) -> tuple[SplatCloud, Step]:
+        """The selection as a cloud of its own, and the step that deletes it here. Raises StippleError."""
+        from ...engine.edit.duplicate import separate
+
+        return separate(self.cloud, name)
+
     def preview(self, new_from_old: npt.ArrayLike | None, world_from_object: npt.ArrayLike | None) -> Any:
         """What viewports show of it before anything is written."""
         return Preview(self.snapshot(), SplatStates(self.states().copy()))

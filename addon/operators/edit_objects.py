@@ -28,12 +28,10 @@ class STIPPLE_OT_separate(SplatOperator, bpy.types.Operator):
     bl_label = "Separate Splats"
 
     def execute(self, context: Any) -> set[str]:
-        from ...engine.edit.duplicate import separate
-
         with Reported(self):
             b_object, session = edited_object(context), session_in(context)
-            session.check_new_splats(self.bl_label)
-            cloud, step = separate(session.cloud, b_object.name)
+            with busy(context) as progress:
+                cloud, step = session.separate(b_object.name, progress)
             b_data = datablock_from_cloud(cloud, b_object.name)
             try:
                 for b_material in b_object.data.materials:

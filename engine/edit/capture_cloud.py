@@ -14,6 +14,9 @@ from ..device import launch
 from ..device_cloud import DeviceCloud, empty_cloud
 from ..errors import StippleError
 from ..progress import Progress
+from . import paint_layer, transform_kernels
+from . import rows as rows_module
+from . import unpack as unpacking
 from .capture_edits import VALUES, CaptureEdits, Rows, check_edits_of, identity_of
 from .editable_cloud import ELEMENTS, UNPAINTED, EditableCloud
 from .edited_values import put_values
@@ -35,6 +38,14 @@ def find_sources_kernel(
 ) -> None:
     i = first + wp.tid()
     source_from_place[place_from_source[i]] = i
+
+
+def load_kernels(device: wp.Device, progress: Progress) -> None:
+    """What unpacks, moves and paints: renders, whose kernels hosts load before, need it only of captures with edits."""
+    modules = (unpacking, rows_module, transform_kernels, paint_layer)
+    for index, module in enumerate(modules):
+        progress(index / len(modules), f"preparing kernels {index + 1}/{len(modules)}, slow only the first time")
+        wp.load_module(module, device=device)
 
 
 class CaptureCloud(EditableCloud):

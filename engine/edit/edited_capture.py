@@ -60,8 +60,9 @@ class EditedRows:
     def upload(self, device: wp.Device, progress: Progress) -> DeviceCloud:
         """See `DeviceSource`."""
         from ..group_bounds import bound_groups
-        from .capture_cloud import CaptureCloud
+        from .capture_cloud import CaptureCloud, load_kernels
 
+        load_kernels(device, progress)
         rows = CaptureCloud(self.capture, device, self.edits, progress, self.edits.changed_rows)
         cloud = rows.to_device_cloud()
         bound_groups(cloud, device)

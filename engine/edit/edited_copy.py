@@ -17,8 +17,9 @@ from ..capture_file import CaptureFile
 from ..device import choose_device
 from ..errors import StippleError
 from ..formats import write_splat_chunks
+from ..memory import gibibytes, host_free_bytes
 from ..progress import Progress
-from ..splats import ARRAY_NAMES, SplatChunk
+from ..splats import ARRAY_NAMES, SplatChunk, SplatCloud, full_bytes_per_splat
 from .capture_edits import VALUES, CaptureEdits, check_edits_of
 from .editable_cloud import EditableCloud
 from .edited_values import put_values
@@ -49,6 +50,27 @@ def write_edited_copy(
     chunks = _edited_chunks(capture, edits, progress, selected_only)
     write_splat_chunks(path, chunks, count, capture.sh_degree)
     return count
+
+
+def read_selection(
+    capture: CaptureFile, edits: CaptureEdits, name: str, progress: Progress | None = None
+) -> SplatCloud:
+    """What is selected (and neither hidden nor locked), with its edits: a cloud in memory, in full precision.
+
+    Reads the whole file. Raises StippleError as `write_edited_copy`, and where memory does not suffice.
+    """
+    check_edits_of(capture.path, capture.fingerprint, edits)
+    count = edits.counts["selected"]
+    needed, free = 2 * count * full_bytes_per_splat(capture.sh_degree), host_free_bytes()
+    if count == 0:
+        raise StippleError(f"{capture.name}: no splats are selected; select some.")
+    if needed > free:
+        raise StippleError(
+            f"{capture.name}: {gibibytes(needed)} are needed for {count:,} splats and {gibibytes(free)} are free; "
+            "select fewer, or apply the edits to a copy."
+        )
+    chunks = list(_edited_chunks(capture, edits, progress, selected_only=True))
+    return SplatCloud(**{key: np.concatenate([getattr(c, key) for c in chunks]) for key in ARRAY_NAMES}, name=name)
 
 
 def _edited_chunks(

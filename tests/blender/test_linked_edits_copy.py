@@ -12,7 +12,7 @@ import pytest
 
 from stipple.addon.edit.operator import session_in
 from stipple.addon.edit.ui import counts
-from stipple.addon.linked_capture import path_of
+from stipple.addon.linked_capture import is_linked, path_of
 from stipple.addon.splat_data import splat_count_of
 from stipple.engine.formats import read_splats
 
@@ -39,7 +39,6 @@ def test_what_adds_splats_is_refused_and_changes_nothing(b_object: Any) -> None:
     dab = {"name": "", "location": (0, 0, 0), "radius": 0.5}
     for call, name in (
         (bpy.ops.stipple.duplicate, "Duplicate Splats"),
-        (bpy.ops.stipple.separate, "Separate Splats"),
         (lambda: bpy.ops.stipple.clone(stroke=[dab], source=(1, 0, 0)), "Clone Splats"),
     ):
         with refused(f"garden: {name} adds splats", "apply the edits to a copy and import that"):
@@ -48,6 +47,22 @@ def test_what_adds_splats_is_refused_and_changes_nothing(b_object: Any) -> None:
         bpy.ops.stipple.delete_invalid()
     assert b_object.data.stipple_capture.edits == token and len(bpy.data.objects) == 1
     assert session_in(bpy.context).cloud.splat_count == COUNT
+
+
+def test_the_selection_becomes_an_object_of_its_own(b_object: Any, path: Path, tmp_path: Path) -> None:
+    """In full precision, with the edits, and the picture stays what it was."""
+    add_camera()
+    use_stipple()
+    bpy.ops.stipple.select_sphere(**LEFT)
+    bpy.ops.stipple.rotate(value=0.6, axis=(0, 1, 0.3))
+    whole = render(tmp_path / "whole.exr")
+    assert bpy.ops.stipple.separate() == {"FINISHED"}
+    b_new = next(b_other for b_other in bpy.data.objects if b_other.name == "garden.001")
+    assert not is_linked(b_new.data) and not b_new.stipple_editing and splat_count_of(b_new.data) == left_of(path).sum()
+    assert counts(b_object.data)["Deleted"] == left_of(path).sum()
+    assert np.sqrt(np.mean(np.square(render(tmp_path / "parts.exr") - whole))) < 0.004
+    with refused("nothing is selected to delete"):
+        bpy.ops.stipple.separate()
 
 
 def test_joining_and_exporting_the_proxy_by_mistake_is_refused(b_object: Any, path: Path, tmp_path: Path) -> None:

@@ -17,8 +17,9 @@ from stipple.addon.capture_panel import edits_state_of
 from stipple.addon.linked_edits import found_edits
 from stipple.engine.edit.edits_file import read_edits
 
-from .captures import add_camera, random_cloud, render, use_stipple, write_ply
+from .captures import add_camera, pixels_of, random_cloud, render, use_stipple, write_ply
 from .editing import activate, refused
+from .fresh_process import fresh_python
 from .linked import link, save, synced
 
 pytestmark = pytest.mark.blender
@@ -262,3 +263,23 @@ def test_data_linked_from_another_blend_shows_its_edits(b_object: Any, tmp_path:
     assert np.array_equal(render(tmp_path / "after.exr"), before)
     save(tmp_path / "shot.blend")
     assert edits_files(tmp_path) == []
+
+
+PROGRAM = """
+import sys
+import bpy
+import stipple
+stipple.register()
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+bpy.context.scene.render.filepath = sys.argv[2]
+bpy.ops.render.render(write_still=True)
+stipple.unregister()
+"""
+
+
+@pytest.mark.slow
+def test_another_process_renders_them(b_object: Any, root: Path, tmp_path: Path) -> None:
+    before = render(tmp_path / "before.exr")
+    save(tmp_path / "shot.blend")
+    fresh_python(root, PROGRAM, tmp_path / "shot.blend", tmp_path / "after.exr")
+    assert np.array_equal(pixels_of(tmp_path / "after.exr"), before)
