@@ -140,11 +140,8 @@ def painting_rows(bench: Bench) -> None:
             begin()
             dab()
 
-        bench.row(
-            f"paint {name}: compaction",
-            lambda: strokes[-1].finish(),  # noqa: PLW0108  another stroke each time
-            painted,
-        )
+        bench.row(f"paint {name}: compaction", lambda: strokes[-1].finish(), painted)  # noqa: PLW0108  another each time
+        painted()
         step = strokes.pop().finish()
         assert step is not None
         history.record(step)

@@ -100,7 +100,7 @@ class DragOperator:
             free = self._offset()
             if typed is not None:
                 free = np.zeros(3)
-                free["XYZ".index(self._axes or "X")] = typed
+                free[np.argmax(self._mask())] = typed  # along the axis, else along the first that is free
             self.value = rounded(self._mask() * free)
         elif self.kind == "rotate":
             self.axis = self._rotation_axis()

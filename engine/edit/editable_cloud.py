@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +64,7 @@ class EditableCloud:
         """No attributes yet, and no flags."""
         self.name, self.device, self.splat_count = name, device, splat_count
         self.scratch = Buffers(device)
+        self.spare: dict[str, wp.array] = {}  # what strokes have given back, by name
         self.versions = dict.fromkeys(ELEMENTS, 0)
         self._host: dict[str, npt.NDArray[np.float32]] = {}
         self._owned: set[str] = set()
@@ -114,7 +116,8 @@ class EditableCloud:
     @property
     def held_bytes(self) -> int:
         """Device memory of arrays that are the cloud's own, views of the host's left out [bytes]."""
-        return sum(self._whole.get(n, self._arrays[n]).capacity for n in self._owned) + self.scratch.held_bytes
+        own = [self._whole.get(name, self._arrays[name]) for name in self._owned]
+        return sum(array.capacity for array in (*own, *self.spare.values())) + self.scratch.held_bytes
 
     def selection(self) -> Mask:
         """What operations act on: selected, and neither hidden, deleted nor locked."""
@@ -217,6 +220,16 @@ class EditableCloud:
         """Say that attributes have changed; an unpainted one counts as the painted one that follows from it."""
         for name in names:
             self.versions[UNPAINTED.get(name, name)] += 1
+
+    def spare_array(self, name: str, dtype: Any) -> wp.array:
+        """An uninitialised element per splat for one stroke alone, which puts it into `spare` when it ends.
+
+        Raises StippleError when memory runs out.
+        """
+        held = self.spare.pop(name, None)
+        if held is not None and held.size == self.splat_count:
+            return held
+        return allocate(self.device, dtype, self.splat_count, "a paint stroke", EDIT_LESS)
 
     def hits(self) -> wp.array:
         """Scratch of one uint8 per splat, uninitialised; the next caller overwrites it."""

@@ -159,10 +159,11 @@ class PaintStroke:
             begin_opacity_layer(cloud)
         self._target = "paint" if self._paints_colour else "opacity"
         now = cloud.writable(self._target)
-        self._coverage = allocate(cloud.device, wp.uint16, cloud.splat_count, "a paint stroke", EDIT_LESS)
+        self._coverage = cloud.spare_array("coverage", wp.uint16)
         self._coverage.zero_()
         # Written where the brush first meets a splat, so that a small stroke touches little of it.
-        self._before = allocate(cloud.device, now.dtype, cloud.splat_count, "a paint stroke", EDIT_LESS)
+        self._before = cloud.spare_array(f"{self._target} before", now.dtype)
+        self._over = False
         self._stale = False  # harmonics that do not follow the paint yet
         self._no_rest = wp.empty((0, 0), dtype=wp.vec3, device=cloud.device)
 
@@ -196,7 +197,10 @@ class PaintStroke:
         self._stale = False
 
     def finish(self) -> Step | None:
-        """The whole stroke as a step. Where memory runs out the stroke is taken back and StippleError goes on."""
+        """The whole stroke as a step. Where memory runs out the stroke is taken back and StippleError goes on.
+
+        Ends the stroke, as `cancel` does: nothing more can be done with it.
+        """
         try:
             self.show_harmonics()
             cloud, now = self._cloud, self._cloud.array(self._target)
@@ -209,12 +213,15 @@ class PaintStroke:
             self.cancel()
             raise
         copy_rows(rows.size, rows, {"held": self._before}, no_rows(cloud.device), {"held": held})
+        self._give_back()
         diff = (PaintDiff if self._paints_colour else OpacityDiff)(rows, held)
         return Step(self._name, (diff,), int(rows.size)) if rows.size else None
 
     def cancel(self) -> None:
-        """Put everything back as it was before the stroke."""
+        """Put everything back as it was before the stroke. Nothing, once it is over."""
         cloud = self._cloud
+        if self._over:
+            return
         if self._paints_colour:
             launch(unpaint_colour_kernel, cloud.splat_count, [self._coverage, self._colours(True)], cloud.device)
             cloud.touched("paint", "sh_dc", "sh_rest")
@@ -222,7 +229,12 @@ class PaintStroke:
             inputs = [self._coverage, self._before, cloud.array("opacity")]
             launch(unpaint_opacity_kernel, cloud.splat_count, inputs, cloud.device)
             cloud.touched("opacity")
-        self._coverage.zero_()
+        self._give_back()
+
+    def _give_back(self) -> None:
+        """The next stroke takes the memory over: new memory costs more than a small dab in it."""
+        self._cloud.spare |= {"coverage": self._coverage, f"{self._target} before": self._before}
+        self._over = True
 
     def _launch(self, kernel: wp.Kernel, inputs: list[Any]) -> None:
         """Run a dab's kernel, which takes a block of splats at a time."""

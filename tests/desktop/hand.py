@@ -66,12 +66,13 @@ def splat_count() -> int:
 
 
 def chosen_positions() -> np.ndarray:
-    """Of the selected splats of the active object, in its own space (N, 3)."""
+    """Of the selected splats of the active object, in the world (N, 3)."""
+    placed = np.array(bpy.context.object.matrix_world)
     b_attributes = bpy.context.object.data.attributes
     states, places = np.empty(splat_count(), np.int32), np.empty(splat_count() * 3, np.float32)
     b_attributes["stipple_state"].data.foreach_get("value", states)
     b_attributes["position"].data.foreach_get("vector", places)
-    return places.reshape(-1, 3)[states & 1 != 0]
+    return places.reshape(-1, 3)[states & 1 != 0] @ placed[:3, :3].T + placed[:3, 3]
 
 
 def digest() -> tuple[int, ...]:

@@ -93,7 +93,9 @@ def exact(window: Window, hand: Hand) -> Any:
     ):
         before = chosen_positions()
         yield from hand.do(*keys, *([] if keys[0] == "key m" else ["key Return"]))
-        results[name] = np.stack([before[:50], chosen_positions()[:50]]).tolist()
+        after = chosen_positions()
+        results[name] = [(after.mean(axis=0) - before.mean(axis=0)).tolist(), np.ptp(before, axis=0).tolist()]
+        results[name] += [np.ptp(after, axis=0).tolist(), bool(np.array_equal(before, after))]
         yield from hand.do("key ctrl+z")
         results[f"{name} undone"] = bool(np.array_equal(before, chosen_positions()))
 

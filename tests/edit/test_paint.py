@@ -18,22 +18,13 @@ from stipple.engine.edit.mask import mask_from_numpy
 from stipple.engine.edit.paint_stroke import PaintStroke
 from stipple.engine.edit.selection import select, select_all
 from stipple.engine.edit.transform import transform
-from stipple.engine.errors import StippleError
 from stipple.engine.splats import SH_C0
 from tests.edit.every_byte import assert_same, every_byte
+from tests.edit.strokes import COLOUR, DABS, stroke
 
 Clouds = Callable[..., EditableCloud]
 
-COLOUR = (0.9, 0.35, 0.1)
-DABS = [((0.0, 0.0, 4.0), 1.6), ((0.5, 0.1, 4.2), 1.8), ((1.0, 0.0, 4.0), 1.2)]
 STEP = 4 / 65535  # of a painted base colour
-
-
-def stroke(cloud: EditableCloud, brush: Brush, dabs: list = DABS, **options: object) -> PaintStroke:
-    result = PaintStroke(cloud, brush, **options)
-    for centre, radius in dabs:
-        result.dab(centre, radius)
-    return result
 
 
 def colours(cloud: EditableCloud, name: str = "sh_dc") -> np.ndarray:
@@ -269,31 +260,3 @@ def test_threads_change_no_bit(make_cloud: Clouds) -> None:
     finally:
         engine_device.set_thread_count(before)
     assert results[0] == results[1] == results[2]
-
-
-def test_bad_calls_leave_everything(make_cloud: Clouds, monkeypatch: pytest.MonkeyPatch) -> None:
-    for wrong in (
-        {"mode": "spray"},
-        {"falloff": "root"},
-        {"strength": 1.5},
-        {"colour": (2, 0, 0)},
-        {"opacity": np.nan},
-    ):
-        with pytest.raises(StippleError, match="brush"):
-            Brush(**wrong)
-    cloud = make_cloud(3000, 1, 2)
-    before = every_byte(cloud)
-    with pytest.raises(StippleError, match="radius"):
-        PaintStroke(cloud, Brush()).dab((0, 0, 0), -1)
-    assert PaintStroke(cloud, Brush()).finish() is None
-    running, fresh = stroke(cloud, Brush("rgb", COLOUR)), make_cloud(3000, 1, 2)
-    for free in (100, 20_000, 30_000, 70_000, 300_000):  # in turn each of the five arrays is one too many
-        monkeypatch.setattr("stipple.engine.buffers.free_bytes", lambda device, free=free: free)
-        if free < 300_000:
-            with pytest.raises(StippleError, match="are needed"):
-                PaintStroke(fresh, Brush())
-        assert_same(fresh, before)
-    monkeypatch.setattr("stipple.engine.buffers.free_bytes", lambda device: 100)
-    with pytest.raises(StippleError, match="are needed"):
-        running.finish()
-    assert_same(cloud, before)
