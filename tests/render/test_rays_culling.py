@@ -29,6 +29,7 @@ from tests.scenes import absurd_cloud, cloud_of, front_camera, random_cloud, sce
 PLAIN = Settings(method="rays", dilation_px2=0.0)
 FILTERED = Settings(method="rays", dilation_px2=0.3)
 MIP = Settings(method="rays", dilation_px2=0.1, antialiased=True)
+SUPER, MULTI = replace(MIP, supersampling=2), replace(MIP, multisamples=4)
 STOCHASTIC = Settings(method="rays", dilation_px2=0.3, ray_order="stochastic", samples=2)
 
 
@@ -86,7 +87,7 @@ def all_around(count: int, seed: int, **changes: Any) -> Scene:
     return Scene(tuple(Instance(cloud, place, look) for place in (np.eye(3, 4), mirrored, sheared)))
 
 
-@pytest.mark.parametrize("settings", [PLAIN, FILTERED, MIP, STOCHASTIC, replace(MIP, supersampling=2)])
+@pytest.mark.parametrize("settings", [PLAIN, FILTERED, MIP, STOCHASTIC, SUPER, MULTI])
 @pytest.mark.parametrize("projection", ["pinhole", "orthographic"])
 def test_culling_changes_no_bit(rays: Renderer, projection: str, settings: Settings) -> None:
     focal = 60.0 if projection == "pinhole" else 12.0

@@ -72,9 +72,14 @@ def test_a_ray_meets_the_same_at_any_scale(rays: Renderer, exponent: int) -> Non
 
 
 @pytest.mark.real
-def test_a_ray_meets_a_capture_from_inside(rays: Renderer, shared_data: Path) -> None:
+@pytest.mark.parametrize("storage", ["full", "quantised"])  # the latter in groups that lie together: most are left out
+@pytest.mark.parametrize("projection", ["pinhole", "orthographic"])
+def test_a_ray_meets_a_capture(rays: Renderer, shared_data: Path, projection: str, storage: str) -> None:
     scene, cameras = capture(shared_data, "rubber_toy_cloud")
-    agrees(rays, scene, inside(cameras[2], scene, 0.9), FILTERED, step=12)
+    settings = replace(FILTERED, storage=storage)
+    for camera in (cameras[0], inside(cameras[2], scene, 0.9)):
+        focal = {} if projection == "pinhole" else {"fx": 200.0, "fy": 200.0, "near": -50.0}
+        agrees(rays, scene, replace(camera, projection=projection, **focal), settings, step=5)
 
 
 def test_nonsense_is_not_met(rays: Renderer) -> None:
