@@ -89,9 +89,8 @@ def _copy(source: Path, target: Path) -> None:
 
 @persistent
 def _before_saving(path: str = "", *_: object) -> None:
-    blend = path or bpy.data.filepath
-    if blend:  # else the startup file
-        write_beside(Path(bpy.path.abspath(blend)))
+    if path:  # else the startup file
+        write_beside(Path(bpy.path.abspath(path)))
 
 
 def register() -> None:

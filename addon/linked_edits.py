@@ -24,8 +24,8 @@ from ..engine.edit.edits_file import read_edits
 from ..engine.errors import StippleError
 
 BACKUP = "1"  # what the file of the save before ends with, as Blender's .blend1 does
-FEWEST_KEPT = 64
-MOST_SHOWN = 8
+FEWEST_KEPT = 16
+FEWEST_SHOWN = 2  # each holds four bytes per splat
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def edited_capture(capture: CaptureFile, edits: CaptureEdits) -> EditedCapture:
     edited = EditedCapture(capture, edits, alike)
     _shown.append(edited)
     linked_count = sum(1 for b_data in linked_data() if has_edits(b_data))
-    del _shown[: -max(MOST_SHOWN, 2 * linked_count)]
+    del _shown[: -max(FEWEST_SHOWN, 2 * linked_count)]
     return edited
 
 
@@ -105,8 +105,8 @@ def keep(edits: CaptureEdits) -> None:
     """Remembers what a token stands for, and forgets what no undo can ask for any more."""
     _kept.pop(edits.token, None)
     _kept[edits.token] = edits
-    most = max(FEWEST_KEPT, 2 * bpy.context.preferences.edit.undo_steps)
-    if len(_kept) > most:
+    most = max(FEWEST_KEPT, bpy.context.preferences.edit.undo_steps + 2)
+    if len(_kept) > most:  # each undo step changes one token; those of now come on top
         used = {b_data.stipple_capture.edits for b_data in linked_data()}
         for token in [token for token in list(_kept)[:-most] if token not in used]:
             del _kept[token]

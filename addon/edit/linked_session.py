@@ -19,7 +19,7 @@ from ...engine.scene import Instance
 from ...engine.splats import SplatCloud
 from .. import linked_edits
 from ..point_rows import Rows
-from ..residency import linked
+from ..residency import linked, worker
 from .preview import LinkedPreview
 from .session import EditSession
 from .solid import show_points
@@ -43,7 +43,8 @@ class LinkedSession(EditSession):
         self.name = name
         self._capture = linked.capture_of(b_data, name)
         found = linked_edits.found_edits(b_data, name)
-        self.cloud = CaptureCloud(self._capture, device, found.edits if found else None, progress)
+        with worker.final_render(lambda: None):  # or a viewport would read the file beside it
+            self.cloud = CaptureCloud(self._capture, device, found.edits if found else None, progress)
 
     def is_of(self, b_data: Any) -> bool:
         """Whether the file is the same; edits that differ are taken over."""
