@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
 import warp as wp
@@ -110,8 +110,16 @@ def launch(
         wp.launch(kernel, dim=min(chunk, count - first), inputs=[first, *inputs], device=device)
         return True
 
-    # list() waits for all and re-raises the first failure.
-    if not all(list(_pool(threads).map(run, range(0, count, chunk)))):
+    pool = _pool(threads)
+    running = [pool.submit(run, begin) for begin in range(0, count, chunk)]
+    try:
+        done = [part.result() for part in running]
+    except BaseException:  # KeyboardInterrupt among them, while threads go on in arrays that the caller will free
+        for part in running:
+            part.cancel()
+        wait(running)
+        raise
+    if not all(done):
         raise Cancelled
 
 
