@@ -9,6 +9,8 @@
 | select, delete, hide, lock                   | `selection`, `flags`                             |
 | transform, paint, duplicate, merge, clean up | `transform*`, `paint*`, `duplicate`, `clean_up`  |
 | do, undo and redo                            | `history`                                        |
+| edit a capture that stays in its file        | `capture_edits`, `capture_cloud`, `edited_*`     |
+| keep such edits in a file of their own       | `edits_file`                                     |
 
 design/editing.md says how it fits together.
 """
