@@ -160,7 +160,7 @@ def test_samples_that_add_up_are_shown_and_not_talked_about(
     first = next(index for index, text in enumerate(said) if text.startswith("Sample 1/20"))
     assert any(text.startswith("Loading") for text in said[:first])  # words for what has no picture yet
     assert all(text.startswith("Sample") for text in said[first:])
-    assert len(said) - first <= 3  # and few redraws, which keys wait for
+    assert len(said) - first <= 6  # and few redraws, which keys wait for: at 1, 2, 4, 8, 16 and 20 on a slow machine
 
 
 @pytest.mark.parametrize("method", ["points", "sorted"])
