@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from stipple.addon.edit import session as sessions
+from stipple.addon.splat_data import is_capture_object
 
-from .captures import add_capture, random_cloud
+from .captures import add_camera, add_capture, random_cloud
 from .editing import activate, every_byte
 
 pytestmark = pytest.mark.blender
@@ -30,6 +31,20 @@ def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
     def stroke() -> list[dict[str, Any]]:
         return [{"name": "", "location": point(), "radius": float(rng.uniform(0.2, 1))} for _ in range(3)]
 
+    def some(limit: int) -> int:
+        return int(rng.integers(limit))
+
+    def corner() -> dict[str, Any]:
+        return {"name": "", "loc": (some(1920), some(1080)), "time": 0}
+
+    def join() -> None:
+        for name in NAMES:
+            if name in bpy.data.objects:
+                bpy.data.objects[name].select_set(True)
+        ops.join()
+
+    screen = {"camera": "Camera"}
+
     def move_object() -> None:
         bpy.context.object.location = point()
 
@@ -43,6 +58,16 @@ def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
         "sphere": lambda: ops.select_sphere(
             center=point(), radius=rng.uniform(0.3, 1.5), mode=str(rng.choice(["SET", "ADD", "XOR"]))
         ),
+        "box": lambda: ops.select_box(**screen, xmin=some(960), xmax=some(1920), ymin=some(500), ymax=some(1080)),
+        "circle": lambda: ops.select_circle(**screen, x=some(1920), y=some(1080), radius=300, visible_only=True),
+        "lasso": lambda: ops.select_lasso(**screen, path=[corner() for _ in range(5)]),
+        "depth": lambda: ops.select_depth(**screen, near=rng.uniform(2, 4), far=rng.uniform(4, 6), mode="AND"),
+        "color": lambda: ops.select_color(color=tuple(rng.uniform(0, 1, 3)), threshold=0.3, mode="ADD"),
+        "size": lambda: ops.select_size(low=0.04, high=rng.uniform(0.05, 0.2), mode="SUB"),
+        "linked": lambda: ops.select_linked(splat=some(150), distance=1.5, mode="ADD"),
+        "floaters": lambda: ops.clean_floaters(factor=rng.uniform(1, 3), action="SELECT"),
+        "separate": ops.separate,
+        "join": join,
         "all": lambda: ops.select_all(action=str(rng.choice(["SELECT", "DESELECT", "INVERT"]))),
         "opacity": lambda: ops.select_opacity(low=0.3, high=rng.uniform(0.4, 0.9), mode="ADD"),
         "more": ops.select_more,
@@ -63,23 +88,31 @@ def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
         "clone": lambda: ops.clone(source=point(), stroke=stroke()),
         "faint": lambda: ops.clean_faint(opacity=rng.uniform(0.3, 0.5), action="DELETE"),
         "toggle": ops.edit_mode_toggle,
-        "other": lambda: activate(bpy.data.objects[str(rng.choice(NAMES))]),
+        "other": lambda: activate(one_of(rng)),
         "object": move_object,
         "script": script,
-        "add": lambda: bpy.ops.mesh.primitive_cube_add() and activate(bpy.data.objects[str(rng.choice(NAMES))]),
+        "add": lambda: bpy.ops.mesh.primitive_cube_add() and activate(one_of(rng)),
     }
+
+
+def one_of(rng: np.random.Generator) -> Any:
+    """One of the captures, of which joining may have left one."""
+    return bpy.data.objects[str(rng.choice([name for name in NAMES if name in bpy.data.objects]))]
 
 
 def everything() -> dict[str, Any]:
     """All that the edits can change."""
     found: dict[str, Any] = {"objects": sorted(bpy.data.objects.keys())}
-    for name in NAMES:
-        b_object = bpy.data.objects[name]
+    for b_object in bpy.data.objects:
+        name = b_object.name
+        if not is_capture_object(b_object):
+            continue
         found[name] = (every_byte(b_object.data), tuple(b_object.location), b_object.stipple_editing)
     return found
 
 
 def begin() -> None:
+    add_camera()
     for seed, name in enumerate(NAMES):
         activate(add_capture(random_cloud(count=150, degree=seed + 1, seed=seed), name))
         bpy.ops.stipple.edit_mode_toggle()
