@@ -21,15 +21,13 @@ pytestmark = pytest.mark.blender
 NAMES = ("One", "Two")
 
 
-def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
-    """Every operator with random values, and edits that know nothing of splats."""
-    ops = bpy.ops.stipple
+def point(rng: np.random.Generator) -> tuple[float, ...]:
+    return tuple(rng.uniform(-1, 1, 3))
 
-    def point() -> tuple[float, ...]:
-        return tuple(rng.uniform(-1, 1, 3))
 
-    def stroke() -> list[dict[str, Any]]:
-        return [{"name": "", "location": point(), "radius": float(rng.uniform(0.2, 1))} for _ in range(3)]
+def selections(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
+    """Every operator that selects, with random values; through the camera where it needs a view."""
+    ops, screen = bpy.ops.stipple, {"camera": "Camera"}
 
     def some(limit: int) -> int:
         return int(rng.integers(limit))
@@ -37,16 +35,63 @@ def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
     def corner() -> dict[str, Any]:
         return {"name": "", "loc": (some(1920), some(1080)), "time": 0}
 
+    return {
+        "sphere": lambda: ops.select_sphere(
+            center=point(rng), radius=rng.uniform(0.3, 1.5), mode=str(rng.choice(["SET", "ADD", "XOR"]))
+        ),
+        "box": lambda: ops.select_box(**screen, xmin=some(960), xmax=some(1920), ymin=some(500), ymax=some(1080)),
+        "circle": lambda: ops.select_circle(**screen, x=some(1920), y=some(1080), radius=300, visible_only=True),
+        "lasso": lambda: ops.select_lasso(**screen, path=[corner() for _ in range(5)]),
+        "depth": lambda: ops.select_depth(**screen, near=rng.uniform(2, 4), far=rng.uniform(4, 6), mode="AND"),
+        "color": lambda: ops.select_color(color=tuple(rng.uniform(0, 1, 3)), threshold=0.3, mode="ADD"),
+        "opacity": lambda: ops.select_opacity(low=0.3, high=rng.uniform(0.4, 0.9), mode="ADD"),
+        "size": lambda: ops.select_size(low=0.04, high=rng.uniform(0.05, 0.2), mode="SUB"),
+        "linked": lambda: ops.select_linked(splat=some(150), distance=1.5, mode="ADD"),
+        "floaters": lambda: ops.clean_floaters(factor=rng.uniform(1, 3), action="SELECT"),
+        "all": lambda: ops.select_all(action=str(rng.choice(["SELECT", "DESELECT", "INVERT"]))),
+        "more": ops.select_more,
+        "less": ops.select_less,
+    }
+
+
+def changes(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
+    """Every operator that changes splats, with random values."""
+    ops = bpy.ops.stipple
+
+    def stroke() -> list[dict[str, Any]]:
+        return [{"name": "", "location": point(rng), "radius": float(rng.uniform(0.2, 1))} for _ in range(3)]
+
+    return {
+        "delete": ops.delete,
+        "restore": ops.restore,
+        "hide": lambda: ops.hide(unselected=bool(rng.integers(2))),
+        "reveal": ops.reveal,
+        "lock": ops.lock,
+        "unlock": ops.unlock,
+        "move": lambda: ops.translate(value=point(rng)),
+        "rotate": lambda: ops.rotate(value=rng.uniform(-3, 3), axis=point(rng)),
+        "scale": lambda: ops.resize(value=tuple(rng.uniform(0.8, 1.25, 3))),
+        "mirror": lambda: ops.mirror(axis=str(rng.choice(list("XYZ")))),
+        "duplicate": ops.duplicate,
+        "separate": ops.separate,
+        "paint": lambda: ops.paint(stroke=stroke(), color=tuple(rng.uniform(0, 1, 3))),
+        "fade": lambda: ops.paint(stroke=stroke(), mode="OPACITY", opacity=rng.uniform(0, 1)),
+        "clone": lambda: ops.clone(source=point(rng), stroke=stroke()),
+        "faint": lambda: ops.clean_faint(opacity=rng.uniform(0.3, 0.5), action="DELETE"),
+    }
+
+
+def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
+    """Selections, changes, edits of whole objects, and some that know nothing of splats."""
+
     def join() -> None:
         for name in NAMES:
             if name in bpy.data.objects:
                 bpy.data.objects[name].select_set(True)
-        ops.join()
-
-    screen = {"camera": "Camera"}
+        bpy.ops.stipple.join()
 
     def move_object() -> None:
-        bpy.context.object.location = point()
+        bpy.context.object.location = point(rng)
 
     def script() -> None:
         b_attribute = bpy.context.object.data.attributes["scale"]
@@ -55,39 +100,10 @@ def edits(rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
         b_attribute.data.foreach_set("vector", values * np.float32(rng.uniform(0.9, 1.1)))
 
     return {
-        "sphere": lambda: ops.select_sphere(
-            center=point(), radius=rng.uniform(0.3, 1.5), mode=str(rng.choice(["SET", "ADD", "XOR"]))
-        ),
-        "box": lambda: ops.select_box(**screen, xmin=some(960), xmax=some(1920), ymin=some(500), ymax=some(1080)),
-        "circle": lambda: ops.select_circle(**screen, x=some(1920), y=some(1080), radius=300, visible_only=True),
-        "lasso": lambda: ops.select_lasso(**screen, path=[corner() for _ in range(5)]),
-        "depth": lambda: ops.select_depth(**screen, near=rng.uniform(2, 4), far=rng.uniform(4, 6), mode="AND"),
-        "color": lambda: ops.select_color(color=tuple(rng.uniform(0, 1, 3)), threshold=0.3, mode="ADD"),
-        "size": lambda: ops.select_size(low=0.04, high=rng.uniform(0.05, 0.2), mode="SUB"),
-        "linked": lambda: ops.select_linked(splat=some(150), distance=1.5, mode="ADD"),
-        "floaters": lambda: ops.clean_floaters(factor=rng.uniform(1, 3), action="SELECT"),
-        "separate": ops.separate,
+        **selections(rng),
+        **changes(rng),
         "join": join,
-        "all": lambda: ops.select_all(action=str(rng.choice(["SELECT", "DESELECT", "INVERT"]))),
-        "opacity": lambda: ops.select_opacity(low=0.3, high=rng.uniform(0.4, 0.9), mode="ADD"),
-        "more": ops.select_more,
-        "less": ops.select_less,
-        "delete": ops.delete,
-        "restore": ops.restore,
-        "hide": lambda: ops.hide(unselected=bool(rng.integers(2))),
-        "reveal": ops.reveal,
-        "lock": ops.lock,
-        "unlock": ops.unlock,
-        "move": lambda: ops.translate(value=point()),
-        "rotate": lambda: ops.rotate(value=rng.uniform(-3, 3), axis=point()),
-        "scale": lambda: ops.resize(value=tuple(rng.uniform(0.8, 1.25, 3))),
-        "mirror": lambda: ops.mirror(axis=str(rng.choice(list("XYZ")))),
-        "duplicate": ops.duplicate,
-        "paint": lambda: ops.paint(stroke=stroke(), color=tuple(rng.uniform(0, 1, 3))),
-        "fade": lambda: ops.paint(stroke=stroke(), mode="OPACITY", opacity=rng.uniform(0, 1)),
-        "clone": lambda: ops.clone(source=point(), stroke=stroke()),
-        "faint": lambda: ops.clean_faint(opacity=rng.uniform(0.3, 0.5), action="DELETE"),
-        "toggle": ops.edit_mode_toggle,
+        "toggle": bpy.ops.stipple.edit_mode_toggle,
         "other": lambda: activate(one_of(rng)),
         "object": move_object,
         "script": script,
