@@ -171,6 +171,7 @@ def test_redraws_hold_up_keys_for_a_hundredth_of_the_time(
     """A minute of samples (sorted has 26 s of them), a tenth of a second each by a clock of the test's own."""
     now = [1000.0]
     monkeypatch.setattr(viewport.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(viewport, "SLOW", float("inf"))  # no smaller pictures, however long the kernels take to load
     target = aim(method=method, samples=600)
     target = replace(target, settings=replace(target.settings, supersampling=16 if method == "sorted" else 1))
     session = ViewportSession(lambda: None)
