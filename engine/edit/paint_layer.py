@@ -17,6 +17,31 @@ from .paint_word import base_colour, brightest_channel, painted_dc, tint_of, unp
 wp.set_module_options({"enable_backward": False})
 
 
+# C++ for the reason that `cover.py` gives: three coefficients' lanes at a time.
+TINT_REST_NATIVE = """
+    const int count = base_rest.shape[1];
+    const float* from = (const float*)base_rest.data + (size_t)i * count * 3;
+    float* to = (float*)rest.data + (size_t)i * count * 3;
+    for (int k = 0; k < count; ++k) {
+        float brightest = from[3 * k + channel];
+        for (int c = 0; c < 3; ++c) to[3 * k + c] = fmaf(own, from[3 * k + c], brightest * tint[c]);
+    }
+"""
+
+
+@wp.func_native(TINT_REST_NATIVE)
+def tint_rest(
+    base_rest: wp.array2d(dtype=wp.vec3),
+    rest: wp.array2d(dtype=wp.vec3),
+    i: wp.int32,
+    own: wp.float32,
+    tint: wp.vec3,
+    channel: wp.int32,
+) -> None:
+    """Splat i's harmonics: `own` of them, and what their brightest channel is in the hue of `tint`."""
+    ...
+
+
 @wp.func
 def show_harmonics_of(
     i: wp.int32,
@@ -32,10 +57,7 @@ def show_harmonics_of(
     else:
         p = unpacked(word, base_dc[i])
         tint = (p.value - p.own) * tint_of(p.colour)
-        channel = brightest_channel(base_colour(base_dc[i]))
-        for k in range(rest.shape[1]):
-            h = base_rest[i, k]
-            rest[i, k] = p.own * h + h[channel] * tint
+        tint_rest(base_rest, rest, i, p.own, tint, brightest_channel(base_colour(base_dc[i])))
 
 
 @wp.kernel
