@@ -143,7 +143,7 @@ class Spans:
         """To be called between events."""
         session, now = self._window.session, time.monotonic()
         picture = session.picture
-        is_drawn = picture is not None and picture is session._drawn and picture.divider == 1
+        is_drawn = session._shown.is_set() and picture is session._drawn and picture.divider == 1  # of this view
         if self._open:
             self._spans[-1][1] = now
         if session.due() is None and is_drawn:

@@ -165,7 +165,7 @@ def test_samples_that_add_up_are_shown_and_not_talked_about(
 
 @pytest.mark.parametrize("method", ["points", "sorted"])
 @pytest.mark.parametrize("redraw", [0.003, 0.126])
-def test_redraws_hold_up_keys_for_a_hundredth_of_the_time(
+def test_redraws_hold_up_few_keys(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, method: str, redraw: float
 ) -> None:
     """A minute of samples (sorted has 26 s of them), a tenth of a second each by a clock of the test's own."""
@@ -194,7 +194,7 @@ def test_redraws_hold_up_keys_for_a_hundredth_of_the_time(
         return
     assert method == "sorted" or shown[1][0] < 0.7  # most of the noise goes early
     held_up = (len(shown) - 2) * (redraw - 0.04)  # the first and the last are what the user waits for
-    assert held_up < 0.01 * shown[-1][0]
+    assert held_up < 0.005 * shown[-1][0]
 
 
 def test_several_viewports_take_turns_and_leave_no_thread() -> None:
