@@ -35,10 +35,7 @@ class DATA_PT_stipple_linked_capture(bpy.types.Panel):
         b_capture = b_data.stipple_capture
         if b_capture.file is not None:
             layout.prop(b_capture.file, "filepath", text="File")
-        text, icon = state_of(b_data)
-        row = layout.row()
-        row.alert = icon == "ERROR"
-        row.label(text=text, icon=icon)
+        _say(layout, *state_of(b_data))
         row = layout.row(align=True)
         row.operator(OBJECT_OT_stipple_relink_capture.bl_idname, text="Relink", icon="FILEBROWSER")
         row.operator(OBJECT_OT_stipple_reload_capture.bl_idname, text="Reload", icon="FILE_REFRESH")
@@ -46,13 +43,16 @@ class DATA_PT_stipple_linked_capture(bpy.types.Panel):
         for line in facts_of(b_data):
             column.label(text=line)
         if has_edits(b_data):
-            text, icon = edits_state_of(b_data)
-            row = layout.row()
-            row.alert = icon == "ERROR"
-            row.label(text=text, icon=icon)
+            _say(layout, *edits_state_of(b_data))
             row = layout.row(align=True)
             row.operator(STIPPLE_OT_apply_edits.bl_idname, text="Apply to Copy", icon="EXPORT")
             row.operator(STIPPLE_OT_discard_edits.bl_idname, text="Discard", icon="X")
+
+
+def _say(layout: Any, text: str, icon: str) -> None:
+    row = layout.row()
+    row.alert = icon == "ERROR"
+    row.label(text=text, icon=icon)
 
 
 def edits_state_of(b_data: Any) -> tuple[str, str]:

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
 from ..engine.capture_file import CaptureFile
 from ..engine.edit.capture_edits import CaptureEdits
 from ..engine.edit.edited_capture import EditedCapture, same_values
 from ..engine.edit.edits_file import read_edits
 from ..engine.errors import StippleError
+from .kept_for_file import kept_for_file
 
 BACKUP = "1"  # what the file of the save before ends with, as Blender's .blend1 does
 FEWEST_KEPT = 16
@@ -173,15 +173,4 @@ def free() -> None:
     _shown.clear()
 
 
-@persistent
-def _free_before_load(*_: object) -> None:
-    free()
-
-
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_free_before_load)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_free_before_load)
-    free()
+register, unregister = kept_for_file(free)

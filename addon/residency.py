@@ -15,14 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
-import bpy
-from bpy.app.handlers import persistent
-
 from ..engine.capture_file import CaptureFile
 from ..engine.errors import DeviceError, StippleError
 from ..engine.splats import SplatCloud
 from . import world
 from .content_keys import CloudKey, key_of, sample_of
+from .kept_for_file import kept_for_file
 from .kernel_folder import keep_kernels_in_extension_folder
 from .linked_capture import path_of, problem_of
 from .object_properties import changed_looks
@@ -272,15 +270,4 @@ def free() -> None:
         device.close_pools()
 
 
-@persistent
-def _free_before_load(*_: object) -> None:
-    free()
-
-
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_free_before_load)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_free_before_load)
-    free()
+register, unregister = kept_for_file(free)

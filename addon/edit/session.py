@@ -12,10 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import bpy
 import numpy as np
 import numpy.typing as npt
-from bpy.app.handlers import persistent
 
 from ...engine.errors import StippleError
 from ...engine.look import Look
@@ -23,6 +21,7 @@ from ...engine.scene import Instance, SplatStates
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from .. import residency
 from ..content_keys import attributes_of, key_after, key_of
+from ..kept_for_file import kept_for_file
 from ..linked_capture import is_linked
 from ..point_rows import Rows, check_points_only, replace_points
 from ..sequence import plays
@@ -244,15 +243,4 @@ def free() -> None:
     _sessions.clear()
 
 
-@persistent
-def _free_before_load(*_: object) -> None:
-    free()
-
-
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_free_before_load)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_free_before_load)
-    free()
+register, unregister = kept_for_file(free)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 import numpy.typing as npt
-from bpy.app.handlers import persistent
 
 from ...engine.camera import Camera
 from ...engine.scene import Instance, Scene
 from ...engine.settings import Settings
 from .. import residency, sync
+from ..kept_for_file import kept_for_file
 from .operator import world_from_object
 from .screen import look_in
 from .session import EditSession, editing_device
@@ -87,15 +87,4 @@ def free() -> None:
         _renderers.popitem()[1].free()
 
 
-@persistent
-def _free_before_load(*_: object) -> None:
-    free()
-
-
-def register() -> None:
-    bpy.app.handlers.load_pre.append(_free_before_load)
-
-
-def unregister() -> None:
-    bpy.app.handlers.load_pre.remove(_free_before_load)
-    free()
+register, unregister = kept_for_file(free)
