@@ -36,6 +36,9 @@ print(json.dumps({
     "splats": cloud.splat_count,
 }))
 """
+# glibc keeps freed arrays in its heaps once it has raised its own threshold for giving them back, and how many depends
+# on the threads' timing (192 to 259 MB for the copy of one file); with the threshold fixed what is resident is held.
+ARRAYS_GO_BACK = {"MALLOC_MMAP_THRESHOLD_": "262144"}
 NO_PROC = not Path("/proc/self/status").exists()
 
 
@@ -44,7 +47,7 @@ def convert(folder: Path, file_bytes: int) -> tuple[dict[str, float], dict[str, 
     small = write_large(folder / "small.ply", 2_000, DEGREE_3)
     large = write_large(folder / "large.ply", file_bytes // row_bytes(DEGREE_3), DEGREE_3)
     try:
-        first, second = (json.loads(run_python(CONVERT, small, large)) for _ in range(2))
+        first, second = (json.loads(run_python(CONVERT, small, large, **ARRAYS_GO_BACK)) for _ in range(2))
     finally:
         large.unlink()
         for cache in folder.glob("*.stipple-cache"):
@@ -64,9 +67,9 @@ def test_memory_beside_the_arrays_does_not_grow_with_the_file(tmp_path: Path) ->
     for size in (100 * 10**6, 300 * 10**6):
         figures, cached = convert(tmp_path, size)
         extra[size] = figures["peak"] - figures["before"] - figures["nbytes"]
-        assert cached["peak"] - cached["before"] < 1.05 * cached["arrays"] + 32e6
-    assert extra[300 * 10**6] < 120e6
-    assert abs(extra[300 * 10**6] - extra[100 * 10**6]) < 40e6
+        assert cached["peak"] - cached["before"] < 1.05 * cached["arrays"] + 16e6
+    assert extra[300 * 10**6] < 100e6
+    assert abs(extra[300 * 10**6] - extra[100 * 10**6]) < 16e6
 
 
 @pytest.mark.slow
@@ -110,6 +113,6 @@ def test_a_copy_with_edits_takes_memory_for_a_chunk(tmp_path: Path) -> None:
     """Of 32 MiB, what is made of it while it is turned and painted, and the edits."""
     small = write_large(tmp_path / "small.ply", 2_000, DEGREE_3)
     large = write_large(tmp_path / "large.ply", 300 * 10**6 // row_bytes(DEGREE_3), DEGREE_3)
-    figures = json.loads(run_python(COPY, small, large))
-    assert figures["peak"] - figures["before"] < 220e6
+    figures = json.loads(run_python(COPY, small, large, **ARRAYS_GO_BACK))
+    assert figures["peak"] - figures["before"] < 170e6
     assert (tmp_path / "copy.ply").stat().st_size > 180e6
