@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ SAMPLED_POINTS = 64
 def key_of(b_data: Any, name: str) -> CloudKey:
     """What tells one content from another: counts and a CRC-32 of every attribute that `cloud_from_datablock` reads.
 
-    Costs about 0.3 ns a byte, far less than reading, activating and uploading; one attribute is held at a time.
+    Costs about 0.2 ns a byte, far less than reading, activating and uploading; two attributes are held at a time.
     """
     rest_count = rest_count_of(b_data, name)
     return (splat_count_of(b_data), rest_count, *_checksums(b_data, name, attributes_of(ARRAY_NAMES, rest_count)))
@@ -43,10 +44,21 @@ def attributes_of(names: Collection[str], rest_count: int) -> list[str]:
     return found + [f"{SH_PREFIX}{index}" for index in range(rest_count) if "sh_rest" in names]
 
 
-def _checksums(b_data: Any, name: str, attributes: list[str]) -> Iterator[int]:
-    """A CRC-32 of each attribute. They share one buffer: new memory for each costs twice what the checksum does."""
-    buffer = np.empty(splat_count_of(b_data) * 4, np.float32)
-    return (zlib.crc32(read_attribute(b_data, attribute, name, buffer)) for attribute in attributes)
+def _checksums(b_data: Any, name: str, attributes: list[str]) -> list[int]:
+    """A CRC-32 of each attribute: one is read while a thread works on the one before (14 to 10 ms for 61 MB, EPYC).
+
+    They share two buffers: new memory for each attribute costs twice what its checksum does. More threads would wait
+    for the reading.
+    """
+    buffers = [np.empty(splat_count_of(b_data) * 4, np.float32) for _ in attributes[:2]]
+    checksums: list[Future[int]] = []
+    with ThreadPoolExecutor(1, thread_name_prefix="stipple-checksum") as pool:
+        for index, attribute in enumerate(attributes):
+            if index >= 2:
+                checksums[index - 2].result()  # of the buffer that is read into now
+            values = read_attribute(b_data, attribute, name, buffers[index % 2])
+            checksums.append(pool.submit(zlib.crc32, values))
+    return [checksum.result() for checksum in checksums]
 
 
 def sample_of(b_data: Any) -> tuple[float, ...]:

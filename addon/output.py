@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..engine.film import Picture
+    from ..engine.film import Light
 
 DEPTH_OF_NOTHING = 1e10  # what Blender's own engines write where a ray hits nothing
 COMBINED = "Combined"
 DEPTH = "Depth"
+STRIP_BYTES = 1 << 20  # of Combined that are handed over at once; 512 KiB to 4 MiB do as well
 
 
 def register_passes(b_engine: Any, b_scene: Any, b_view_layer: Any) -> None:
@@ -22,28 +23,29 @@ def register_passes(b_engine: Any, b_scene: Any, b_view_layer: Any) -> None:
         b_engine.register_pass(b_scene, b_view_layer, DEPTH, 1, "Z", "VALUE")
 
 
-def write_picture(b_engine: Any, picture: Picture, layer: str, view: str, working_space: str) -> None:
+def write_light(b_engine: Any, light: Light, layer: str, view: str) -> None:
     """Writes Combined (premultiplied scene-linear, in the file's working space) and, where the layer has it, Depth.
 
-    The picture has rows from the top, Blender from the bottom; its rgba is overwritten on the way.
-    Depth is measured along the camera's axis [world units].
+    Depth is measured along the camera's axis [world units]. Strip by strip, for what Blender allocates for one is in
+    the cache and serves the next again: 4 ms at 1080p, where a whole picture of 33 MB takes 6 (Blender 5.2, EPYC) to
+    25 (its Python module, whose allocator returns such pieces to the system).
     """
-    from ..engine.light import light_from_display  # Warp is loaded by whoever rendered the picture
-
-    height, width = picture.depth.shape
-    result = b_engine.begin_result(0, 0, width, height, layer=layer, view=view)
-    try:
-        b_passes = result.layers[0].passes
-        combined = light_from_display(picture.rgba, working_space)
-        _fill(b_passes.find_by_name(COMBINED, view), combined)
-        b_depth = b_passes.find_by_name(DEPTH, view)
-        if b_depth is not None:
-            depth = picture.depth[::-1]
-            _fill(b_depth, np.where(np.isfinite(depth), depth, np.float32(DEPTH_OF_NOTHING)))
-    except BaseException:
-        b_engine.end_result(result, cancel=True)
-        raise
-    b_engine.end_result(result)
+    height, width = light.depth.shape
+    rows = max(1, STRIP_BYTES // light.rgba[0].nbytes)
+    for first in range(0, height, rows):
+        strip = slice(first, min(first + rows, height))
+        result = b_engine.begin_result(0, first, width, strip.stop - first, layer=layer, view=view)
+        try:
+            b_passes = result.layers[0].passes
+            _fill(b_passes.find_by_name(COMBINED, view), light.rgba[strip])
+            b_depth = b_passes.find_by_name(DEPTH, view)
+            if b_depth is not None:
+                depth = light.depth[strip]
+                _fill(b_depth, np.where(np.isfinite(depth), depth, np.float32(DEPTH_OF_NOTHING)))
+        except BaseException:
+            b_engine.end_result(result, cancel=True)
+            raise
+        b_engine.end_result(result)
 
 
 def view_names(b_engine: Any, layer: str) -> list[str]:

@@ -24,7 +24,7 @@ from .viewport_draw import Viewport
 from .world import working_space
 
 if TYPE_CHECKING:
-    from ..engine.film import Picture
+    from ..engine.film import Light
 
 ENGINE_ID = "STIPPLE"
 SHOW_INTERVAL = 2.0  # [s] between unfinished pictures in the render window
@@ -119,10 +119,10 @@ def render_view_layer(b_engine: Any, depsgraph: Any) -> None:
         renderer = residency.renderer_for(device)
         for index, (view, camera) in enumerate(cameras.items()):
             progress = Progress(b_engine, index / len(cameras), 1 / len(cameras))
-            for picture in _pictures(renderer, scene, camera, settings, progress):
-                output.write_picture(b_engine, picture, layer, view, working_space())
-                said.extend(picture.stats.warnings)
-                peak_mib = picture.stats.peak_bytes / 2**20
+            for light in _pictures(renderer, scene, camera, settings, progress):
+                output.write_light(b_engine, light, layer, view)
+                said.extend(light.stats.warnings)
+                peak_mib = light.stats.peak_bytes / 2**20
                 b_engine.update_memory_stats(memory_used=peak_mib, memory_peak=peak_mib)
 
     with residency.worker.final_render(lambda: begin(0.0, "waiting for the viewport")):
@@ -131,7 +131,7 @@ def render_view_layer(b_engine: Any, depsgraph: Any) -> None:
         b_engine.report({"WARNING"}, warning)
 
 
-def _pictures(renderer: Any, scene: Scene, camera: Camera, settings: Settings, progress: Progress) -> Iterator[Picture]:
+def _pictures(renderer: Any, scene: Scene, camera: Camera, settings: Settings, progress: Progress) -> Iterator[Light]:
     """The finished picture; before it, with a window to look at, what is done so far every now and then.
 
     When the user cancels, what is done, and Cancelled after that.
@@ -146,13 +146,13 @@ def _pictures(renderer: Any, scene: Scene, camera: Camera, settings: Settings, p
                 frame.render_sample(sample)
                 unfinished = frame.film.samples < frame.sample_count
                 if unfinished and not bpy.app.background and time.monotonic() - shown >= SHOW_INTERVAL:
-                    yield frame.resolve()
+                    yield frame.resolve_light(working_space())
                     shown = time.monotonic()
         except Cancelled:
             if frame.film.samples:
-                yield frame.resolve()
+                yield frame.resolve_light(working_space())
             raise
-        yield frame.resolve()
+        yield frame.resolve_light(working_space())
     finally:
         renderer.release_raster()  # Blender ends the graphics context with the frame
 

@@ -269,18 +269,15 @@ class ViewportSession:
         return saying
 
     def _show(self, aim: Aim, frame: Frame, divider: int, seconds: float, limit: int) -> None:
-        from ..engine.light import light_from_display
-
-        picture = frame.resolve()
-        light = light_from_display(picture.rgba, aim.working_space)
+        light = frame.resolve_light(aim.working_space)
         self.message = ""
         self.picture = ShownPicture(
-            rgba=light,
+            rgba=light.rgba.copy(),  # which the next picture overwrites
             place=place_of(aim.view, divider),
             divider=divider,
-            samples=picture.samples,
+            samples=light.samples,
             sample_limit=limit,
-            splats_visible=picture.stats.splats_visible,
+            splats_visible=light.stats.splats_visible,
             seconds=seconds,
         )
         self._shown_at = time.monotonic()

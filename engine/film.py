@@ -16,10 +16,15 @@ import warp as wp
 
 from .buffers import Buffers
 from .device import launch
+from .light import light_from_display
 
 wp.set_module_options({"enable_backward": False})
 
 NOTHING = wp.vec4(0.0, 0.0, 0.0, 0.0)
+
+Ground = tuple[float, float, float] | wp.array | None
+"""What is behind the splats: a colour or an array of (r, g, b, 1) per pixel, sRGB-encoded; None is transparent."""
+Finish = Callable[[wp.array, wp.array], None]
 
 # What a pixel takes [bytes]: sums, their mean, and the host's copy of that.
 BYTES_PER_PIXEL = {"film_colour": 32, "film_depth": 8, "film_rgba": 16, "film_mean_depth": 4, "host copy": 20}
@@ -48,6 +53,21 @@ class Picture:
 
     - `rgba` (H, W, 4) float32: rows from the top, sRGB-encoded, premultiplied (the blend space); may exceed 1.
     - `depth` (H, W) float32: mean depth along z of what is seen [world units], +inf where nothing is.
+    - `samples`: samples in the mean.
+    """
+
+    rgba: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+    samples: int
+    stats: RenderStats = field(default_factory=RenderStats)
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """A resolved film as hosts show it. On a CPU `rgba` is the film's own memory: it stands until the next picture.
+
+    - `rgba` (H, W, 4) float32: rows from the bottom, premultiplied scene-linear light in the host's working space.
+    - `depth` (H, W) float32: as Picture's, but rows from the bottom.
     - `samples`: samples in the mean.
     """
 
@@ -110,35 +130,44 @@ class Film:
         self.sums.colour = buffers.array("film_colour", wp.vec4d, count)
         self.sums.depth = buffers.array("film_depth", wp.float64, count)
         # Now, so that no finished render lacks the memory to be looked at.
-        self._rgba = buffers.array("film_rgba", wp.vec4, count)
-        self._mean_depth = buffers.array("film_mean_depth", wp.float32, count)
+        self._rgba = buffers.array("film_rgba", wp.vec4, count).reshape((height, width))
+        self._mean_depth = buffers.array("film_mean_depth", wp.float32, count).reshape((height, width))
         self.sums.colour.zero_()
         self.sums.depth.zero_()
 
-    def resolve(
-        self,
-        background: tuple[float, float, float] | wp.array | None,
-        stats: RenderStats,
-        finish: Callable[[wp.array, wp.array], None] | None = None,
-    ) -> Picture:
-        """The mean so far over `background`. May be called at any time.
+    def resolve(self, ground: Ground, stats: RenderStats, finish: Finish | None = None) -> Picture:
+        """The mean so far over `ground`. May be called at any time.
 
-        `background` is a colour or an array of (r, g, b, 1) per pixel, sRGB-encoded; None leaves it transparent.
         `finish` may change what the splats are, rgba without the background and depth, on the device.
         """
-        count = self.width * self.height
-        rgba, depth = self._rgba, self._mean_depth
-        colour = wp.vec4(*background, 1.0) if isinstance(background, tuple) else NOTHING
-        behind = background if isinstance(background, wp.array) else None
-        ground = [colour, behind] if finish is None else [NOTHING, None]
-        launch(resolve_film_kernel, count, [self.sums, float(max(self.samples, 1)), *ground, rgba, depth], self.device)
-        if finish is not None:
-            finish(rgba, depth)
-            launch(put_over_kernel, count, [colour, behind, rgba], self.device)
+        self._mean(ground, finish)
         return Picture(
             # Copies: the buffers are written again by the next frame.
-            rgba=np.array(rgba.numpy().reshape(self.height, self.width, 4)),
-            depth=np.array(depth.numpy().reshape(self.height, self.width)),
+            rgba=np.array(self._rgba.numpy()),
+            depth=np.array(self._mean_depth.numpy()),
             samples=self.samples,
             stats=stats,
         )
+
+    def resolve_light(
+        self, ground: Ground, stats: RenderStats, working_space: str, finish: Finish | None = None
+    ) -> Light:
+        """As `resolve`, turned into light on the device and not copied: what hosts take that show every frame.
+
+        Raises StippleError for an unknown working space.
+        """
+        self._mean(ground, finish)
+        light_from_display(self._rgba, working_space)
+        return Light(self._rgba.numpy(), self._mean_depth.numpy()[::-1], self.samples, stats)
+
+    def _mean(self, ground: Ground, finish: Finish | None) -> None:
+        """The mean over `ground` into the buffers."""
+        count = self.width * self.height
+        rgba, depth = self._rgba.flatten(), self._mean_depth.flatten()
+        colour = wp.vec4(*ground, 1.0) if isinstance(ground, tuple) else NOTHING
+        behind = ground if isinstance(ground, wp.array) else None
+        under = [colour, behind] if finish is None else [NOTHING, None]
+        launch(resolve_film_kernel, count, [self.sums, float(max(self.samples, 1)), *under, rgba, depth], self.device)
+        if finish is not None:
+            finish(rgba, depth)
+            launch(put_over_kernel, count, [colour, behind, rgba], self.device)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A finished picture as scene-linear light, on all cores at once: what hosts that show every frame need.
+"""A finished picture as scene-linear light, on the device: what hosts that show every frame need.
 
 The same map as `colour.scene_linear_from_display`, which is the reference and takes any dtype. This one is for float32
 pictures, turns their rows over on the way, and takes 14 ms of a Xeon core at 1080p where that takes 65: one pass over
@@ -9,16 +9,12 @@ Warp compiles scalar kernels for the CPU, and plain loops over 16 lanes become v
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
 import warp as wp
 
 from .colour import ALPHA_EMPTY, ENCODED_KNEE, working_space_from_rec709
 from .device import launch
 
 wp.set_module_options({"enable_backward": False})
-
-FloatArray = npt.NDArray[np.float32]
 
 PIXELS = wp.constant(64)  # per thread, and as many in the lower half; four times the lanes of a vector
 
@@ -113,18 +109,14 @@ def linearise_kernel(
     linearise(picture, begin, end, columns, rows, mixed, matrix)
 
 
-def light_from_display(rgba: FloatArray, working_space: str = "Rec.709") -> FloatArray:
-    """(H, W, 4) premultiplied sRGB-encoded, rows from the top, to premultiplied light, rows from the bottom.
+def light_from_display(rgba: wp.array, working_space: str = "Rec.709") -> None:
+    """(H, W) of vec4, premultiplied sRGB-encoded, rows from the top, to premultiplied light, rows from the bottom.
 
-    In place, and returned: `rgba` is C-contiguous float32 and holds the light afterwards. Off by 1e-6 of the value at
-    most. Raises StippleError for an unknown working space.
+    In place, on the array's device. Off by 1e-6 of the value at most. Raises StippleError for an unknown working space.
     """
     matrix = working_space_from_rec709(working_space)
-    height, width, _ = rgba.shape
-    cpu = wp.get_device("cpu")
-    view = wp.array(ptr=rgba.ctypes.data, dtype=wp.vec4, shape=(height * width,), device=cpu, capacity=rgba.nbytes)
+    height, width = rgba.shape
     mixed = int(working_space != "Rec.709")
     pixels = width * ((height + 1) // 2)
-    inputs = [view, width, height, mixed, wp.mat33(*matrix.ravel())]
-    launch(linearise_kernel, -(-pixels // int(PIXELS)), inputs, cpu, smallest_chunk=256)
-    return rgba
+    inputs = [rgba.flatten(), width, height, mixed, wp.mat33(*matrix.ravel())]
+    launch(linearise_kernel, -(-pixels // int(PIXELS)), inputs, rgba.device, smallest_chunk=256)

@@ -27,7 +27,7 @@ from .device_cloud import DeviceCloud, to_device, with_state
 from .device_look import make_device_look
 from .environment import BYTES_PER_PIXEL as ENVIRONMENT_BYTES
 from .environment import DeviceEnvironment, look_around, upload_environment
-from .film import BYTES_PER_PIXEL, Film, Picture, RenderStats
+from .film import BYTES_PER_PIXEL, Film, Finish, Light, Picture, RenderStats
 from .maths.projection import make_pose, make_view
 from .occlusion import OcclusionMemory
 from .placements import place
@@ -253,9 +253,23 @@ class Frame:
     def resolve(self) -> Picture:
         """The mean of the samples so far; with `reprojection` to be asked for once, as each call enters the next."""
         with self.timer.stage("film"):
-            finish = self._reproject if self._settings.reprojection else None
-            picture = self.film.resolve(self._behind, RenderStats(), finish)
-        stats = picture.stats
+            picture = self.film.resolve(self._behind, RenderStats(), self._finish)
+        self._fill(picture.stats)
+        return picture
+
+    def resolve_light(self, working_space: str) -> Light:
+        """As `resolve`, for hosts: light in their working space, on a CPU lent until the renderer's next picture."""
+        with self.timer.stage("film"):
+            light = self.film.resolve_light(self._behind, RenderStats(), working_space, self._finish)
+        self._fill(light.stats)
+        return light
+
+    @property
+    def _finish(self) -> Finish | None:
+        return self._reproject if self._settings.reprojection else None
+
+    def _fill(self, stats: RenderStats) -> None:
+        """What is known now of the picture in progress."""
         stats.peak_bytes = self._renderer.buffers.peak_bytes
         stats.splats_visible = self.method.splats_visible
         stats.points, stats.blends = self.method.points, self.method.blends
@@ -270,4 +284,3 @@ class Frame:
         stats.stage_seconds = dict(self.timer.seconds)
         stats.stage_core_seconds = dict(self.timer.core_seconds)
         stats.seconds = time.perf_counter() - self._begin
-        return picture

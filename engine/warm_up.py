@@ -16,7 +16,7 @@ from types import ModuleType
 
 import warp as wp
 
-from . import edit, light, renderer
+from . import edit, renderer
 
 PACKAGE = __name__.rpartition(".")[0]
 EDITING = "edit"  # stands for what edits need, as the name of a method does for what that needs
@@ -39,8 +39,6 @@ def load_kernels(
         progress(index / len(modules), f"preparing kernels {index + 1}/{len(modules)}, slow only the first time")
         with turn():
             wp.load_module(module, device=device)
-    with turn():
-        wp.load_module(light, device="cpu")  # where hosts turn every device's pictures into light
 
 
 def kernel_modules(method: str, cuda: bool) -> list[ModuleType]:

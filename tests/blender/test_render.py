@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from stipple.addon import residency
+from stipple.addon import output, residency
 from stipple.addon.camera import camera_from_blender
 from stipple.engine.colour import scene_linear_from_display
 from stipple.engine.renderer import Renderer
@@ -66,6 +66,23 @@ def test_depth_pass(tmp_path: Path) -> None:
     depth = render_channel(tmp_path / "frame.exr", "ViewLayer.Depth.Z")
     assert depth[0, 0] == np.float32(1e10)
     assert depth[24, 32] == pytest.approx(4.0, abs=1e-4)
+
+
+def test_strips_of_any_height_make_the_same_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The picture is handed over in strips; 48 rows in one, in strips of 7 with a last one of 6, and row by row."""
+    use_stipple().render.film_transparent = True
+    add_camera()
+    add_capture(random_cloud())
+    bpy.context.view_layer.use_pass_z = True
+    frames = []
+    for row_count in (48, 7, 1):
+        monkeypatch.setattr(output, "STRIP_BYTES", row_count * 64 * 16)
+        path = tmp_path / f"{row_count}.exr"
+        frames.append([render_channel(path, f"ViewLayer.{name}") for name in ("Combined.R", "Combined.A", "Depth.Z")])
+    assert all(len(np.unique(channel)) > 100 for channel in frames[0])
+    for frame in frames[1:]:
+        for channel, whole in zip(frame, frames[0], strict=True):
+            assert np.array_equal(channel, whole)
 
 
 def test_film_transparent_and_world_colour(tmp_path: Path) -> None:

@@ -19,10 +19,10 @@ from stipple.addon.residency import CloudCache, EvaluatedClouds
 from stipple.addon.view_camera import ViewportView
 from stipple.addon.viewport import Aim, ViewportSession
 from stipple.addon.viewport_worker import THREAD_NAME
-from stipple.engine.light import light_from_display
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance, Scene
 from stipple.engine.settings import Settings
+from tests.light import light_of
 
 from .captures import add_capture, random_cloud, use_stipple
 
@@ -81,7 +81,7 @@ def test_a_resting_viewport_ends_at_the_renderers_own_picture(renderer: Renderer
     assert session.due() is None and session.message == ""
     expected = renderer.render(target.scene, target.view.camera(), target.settings)
     assert session.picture is not None
-    np.testing.assert_array_equal(session.picture.rgba, light_from_display(expected.rgba))
+    np.testing.assert_array_equal(session.picture.rgba, light_of(expected.rgba))
     assert f"Sample {limit}/{limit} | {expected.stats.splats_visible:,} splats" in session.status()
 
 

@@ -20,9 +20,9 @@ PROGRAM = """
 import json, sys, time
 import numpy as np
 from stipple.addon import viewport_rays
-from stipple.engine.light import light_from_display
 from stipple.engine.renderer import Renderer
 from tests.blender.test_viewport import aim, never, random_cloud
+from tests.light import light_of
 
 viewport_rays.LONGEST_SORT = 0.2
 sorter, drawer = Renderer("cpu"), Renderer("cpu")
@@ -41,7 +41,7 @@ def rest(method="rays"):
 
 def error(target):
     picture = Renderer.render(drawer, target.scene, target.view.camera(), target.settings)
-    return float(np.abs(session.picture.rgba - light_from_display(picture.rgba)).max())
+    return float(np.abs(session.picture.rgba - light_of(picture.rgba)).max())
 
 cloud = random_cloud()
 from dataclasses import replace

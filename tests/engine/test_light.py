@@ -8,7 +8,7 @@ import pytest
 
 from stipple.engine.colour import WORKING_SPACES, scene_linear_from_display
 from stipple.engine.errors import StippleError
-from stipple.engine.light import light_from_display
+from tests.light import light_of
 
 
 def picture(height: int, width: int) -> np.ndarray:
@@ -22,10 +22,10 @@ def picture(height: int, width: int) -> np.ndarray:
 
 @pytest.mark.parametrize("space", WORKING_SPACES)
 @pytest.mark.parametrize("size", [(1, 1), (3, 21), (37, 130), (64, 300)])
-def test_it_equals_the_reference(space: str, size: tuple[int, int]) -> None:
+def test_it_equals_the_reference(space: str, size: tuple[int, int], device: str) -> None:
     rgba = picture(*size)
     wanted = scene_linear_from_display(rgba.astype(np.float64), space)[::-1]
-    light = light_from_display(rgba.copy(), space)
+    light = light_of(rgba, space, device)
     largest = np.abs(wanted[..., :3]).max(axis=2, keepdims=True)  # a matrix may cancel one channel against another
     assert (np.abs(light - wanted)[..., :3] <= 2e-6 * largest).all()
     np.testing.assert_array_equal(light[..., 3], rgba[::-1, :, 3])
@@ -33,9 +33,9 @@ def test_it_equals_the_reference(space: str, size: tuple[int, int]) -> None:
 
 def test_black_white_and_nothing_are_exact() -> None:
     rgba = np.array([[[0, 0, 0, 1], [1, 1, 1, 1], [0, 0, 0, 0]]], np.float32)
-    np.testing.assert_allclose(light_from_display(rgba.copy()), rgba, atol=1e-7)
+    np.testing.assert_allclose(light_of(rgba), rgba, atol=1e-7)
 
 
 def test_an_unknown_working_space_is_refused() -> None:
     with pytest.raises(StippleError, match="working space"):
-        light_from_display(picture(2, 2), "Rec.601")
+        light_of(picture(2, 2), "Rec.601")

@@ -15,6 +15,7 @@ from stipple.engine.errors import Cancelled, StippleError
 from stipple.engine.renderer import Frame, Renderer
 from stipple.engine.settings import Settings
 from stipple.engine.sorted.method import FRAGMENTS_PER_LAUNCH
+from tests.light import light_of
 from tests.scenes import cloud_of, front_camera, random_cloud, scene_of
 
 METHODS = ("points", "sorted")
@@ -57,6 +58,27 @@ def test_seeds_and_samples_differ(renderer: Renderer) -> None:
     frame = Frame(renderer, scene, front_camera(), Settings(samples=2))
     frame.render_sample(1)
     assert not np.array_equal(frame.resolve().rgba, pictures[0])
+
+
+@pytest.mark.parametrize("reprojection", [False, True])
+def test_light_is_the_pictures_and_changes_no_later_one(renderer: Renderer, device: str, reprojection: bool) -> None:
+    """Light is made in the memory of the film: looking at a frame in progress leaves its sums and the history alone."""
+    scene = scene_of(random_cloud(300, 1), background=(0.2, 0.3, 0.4))
+    settings = Settings(samples=2, reprojection=reprojection)
+    frames = []
+    for looked_at in (False, True):
+        renderer.history.forget()
+        frame = Frame(renderer, scene, front_camera(61, 47), settings)
+        for sample in range(2):
+            frame.render_sample(sample)
+            light = frame.resolve_light("ACEScg") if looked_at or sample == 1 else frame.resolve()
+        frames.append((light.rgba.copy(), light.depth.copy()))
+        if not reprojection:
+            picture = frame.resolve()
+            assert np.array_equal(light_of(picture.rgba, "ACEScg", device), frames[-1][0])
+            assert np.array_equal(picture.depth[::-1], frames[-1][1])
+    for first, second in zip(*frames, strict=True):
+        assert np.array_equal(first, second)
 
 
 @pytest.mark.parametrize("method", METHODS)
