@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ import warp as wp
 
 from .buffers import Buffers
 from .device import launch
-from .light import light_from_display
+from .light import PIXELS, ToLight, end_of_block, launch_blocks, light_from_display, linearise, to_light_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -91,6 +92,23 @@ def over(front: wp.vec4, background: wp.vec4) -> wp.vec4:
     return front + (1.0 - front[3]) * background
 
 
+@wp.func
+def resolve_pixel(
+    pixel: wp.int32,
+    sums: FilmSums,
+    samples: wp.float64,
+    background: wp.vec4,
+    behind: wp.array(dtype=wp.vec4),
+    rgba: wp.array(dtype=wp.vec4),
+    depth: wp.array(dtype=wp.float32),
+) -> None:
+    colour = sums.colour[pixel] / samples
+    depth[pixel] = wp.where(colour[3] > wp.float64(0.0), wp.float32(sums.depth[pixel] / samples / colour[3]), wp.inf)
+    if behind.shape[0] > 0:
+        background = behind[pixel]
+    rgba[pixel] = over(wp.vec4(colour), background)
+
+
 @wp.kernel
 def resolve_film_kernel(
     first: wp.int32,
@@ -101,12 +119,28 @@ def resolve_film_kernel(
     rgba: wp.array(dtype=wp.vec4),
     depth: wp.array(dtype=wp.float32),
 ) -> None:
-    pixel = first + wp.tid()
-    colour = sums.colour[pixel] / samples
-    depth[pixel] = wp.where(colour[3] > wp.float64(0.0), wp.float32(sums.depth[pixel] / samples / colour[3]), wp.inf)
-    if behind.shape[0] > 0:
-        background = behind[pixel]
-    rgba[pixel] = over(wp.vec4(colour), background)
+    resolve_pixel(first + wp.tid(), sums, samples, background, behind, rgba, depth)
+
+
+@wp.kernel
+def resolve_light_kernel(
+    first: wp.int32,
+    sums: FilmSums,
+    samples: wp.float64,
+    background: wp.vec4,
+    behind: wp.array(dtype=wp.vec4),
+    rgba: wp.array(dtype=wp.vec4),
+    depth: wp.array(dtype=wp.float32),
+    to_light: ToLight,
+) -> None:
+    begin = (first + wp.tid()) * PIXELS
+    end = end_of_block(begin, to_light)
+    for pixel in range(begin, end):
+        row = pixel / to_light.columns
+        resolve_pixel(pixel, sums, samples, background, behind, rgba, depth)
+        partner = pixel + (to_light.rows - 1 - 2 * row) * to_light.columns
+        resolve_pixel(partner, sums, samples, background, behind, rgba, depth)
+    linearise(rgba, begin, end, to_light.columns, to_light.rows, to_light.mixed, to_light.matrix)
 
 
 @wp.kernel
@@ -140,7 +174,10 @@ class Film:
 
         `finish` may change what the splats are, rgba without the background and depth, on the device.
         """
-        self._mean(ground, finish)
+        if finish is None:
+            launch(resolve_film_kernel, self._rgba.size, self._inputs(ground), self.device)
+        else:
+            self._finished(ground, finish)
         return Picture(
             # Copies: the buffers are written again by the next frame.
             rgba=np.array(self._rgba.numpy()),
@@ -154,20 +191,31 @@ class Film:
     ) -> Light:
         """As `resolve`, turned into light on the device and not copied: what hosts take that show every frame.
 
+        Block by block while it is in the cache: 10 ms at 1080p, 15 for one after the other (two cores of an EPYC).
         Raises StippleError for an unknown working space.
         """
-        self._mean(ground, finish)
-        light_from_display(self._rgba, working_space)
+        if finish is None:
+            to_light = to_light_of(self.height, self.width, working_space)
+            launch_blocks(resolve_light_kernel, self._inputs(ground), to_light, self.device)
+        else:
+            self._finished(ground, finish)
+            light_from_display(self._rgba, working_space)
         return Light(self._rgba.numpy(), self._mean_depth.numpy()[::-1], self.samples, stats)
 
-    def _mean(self, ground: Ground, finish: Finish | None) -> None:
-        """The mean over `ground` into the buffers."""
-        count = self.width * self.height
+    def _inputs(self, ground: Ground) -> list[Any]:
+        """What the kernels that resolve take: the sums, their number, what is behind them, and the mean's buffers."""
+        mean = [self._rgba.flatten(), self._mean_depth.flatten()]
+        return [self.sums, float(max(self.samples, 1)), *_behind(ground), *mean]
+
+    def _finished(self, ground: Ground, finish: Finish) -> None:
+        """The mean into the buffers, `finish` of it, and that over `ground`."""
         rgba, depth = self._rgba.flatten(), self._mean_depth.flatten()
-        colour = wp.vec4(*ground, 1.0) if isinstance(ground, tuple) else NOTHING
-        behind = ground if isinstance(ground, wp.array) else None
-        under = [colour, behind] if finish is None else [NOTHING, None]
-        launch(resolve_film_kernel, count, [self.sums, float(max(self.samples, 1)), *under, rgba, depth], self.device)
-        if finish is not None:
-            finish(rgba, depth)
-            launch(put_over_kernel, count, [colour, behind, rgba], self.device)
+        launch(resolve_film_kernel, rgba.size, self._inputs(None), self.device)
+        finish(rgba, depth)
+        launch(put_over_kernel, rgba.size, [*_behind(ground), rgba], self.device)
+
+
+def _behind(ground: Ground) -> tuple[wp.vec4, wp.array | None]:
+    """One colour that is behind all pixels, and the array of those that are not one."""
+    colour = wp.vec4(*ground, 1.0) if isinstance(ground, tuple) else NOTHING
+    return colour, ground if isinstance(ground, wp.array) else None

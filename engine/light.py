@@ -9,6 +9,8 @@ Warp compiles scalar kernels for the CPU, and plain loops over 16 lanes become v
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from .colour import ALPHA_EMPTY, ENCODED_KNEE, working_space_from_rec709
@@ -95,18 +97,41 @@ def linearise(
     ...
 
 
+@wp.struct
+class ToLight:
+    """The size of a picture and the working space that its light is for."""
+
+    columns: wp.int32
+    rows: wp.int32
+    mixed: wp.int32  # 0 where `matrix` is the identity
+    matrix: wp.mat33  # working space from Rec.709
+
+
+@wp.func
+def end_of_block(begin: wp.int32, to_light: ToLight) -> wp.int32:
+    return wp.min(begin + PIXELS, to_light.columns * ((to_light.rows + 1) / 2))
+
+
 @wp.kernel
-def linearise_kernel(
-    first: wp.int32,
-    picture: wp.array(dtype=wp.vec4),
-    columns: wp.int32,
-    rows: wp.int32,
-    mixed: wp.int32,
-    matrix: wp.mat33,
-) -> None:
+def linearise_kernel(first: wp.int32, picture: wp.array(dtype=wp.vec4), to_light: ToLight) -> None:
     begin = (first + wp.tid()) * PIXELS
-    end = wp.min(begin + PIXELS, columns * ((rows + 1) / 2))
-    linearise(picture, begin, end, columns, rows, mixed, matrix)
+    end = end_of_block(begin, to_light)
+    linearise(picture, begin, end, to_light.columns, to_light.rows, to_light.mixed, to_light.matrix)
+
+
+def to_light_of(height: int, width: int, working_space: str) -> ToLight:
+    """Raises StippleError for an unknown working space."""
+    to_light = ToLight()
+    to_light.columns, to_light.rows = width, height
+    to_light.mixed = int(working_space != "Rec.709")
+    to_light.matrix = wp.mat33(*working_space_from_rec709(working_space).ravel())
+    return to_light
+
+
+def launch_blocks(kernel: wp.Kernel, inputs: list[Any], to_light: ToLight, device: wp.Device) -> None:
+    """A kernel that makes light of each block of `PIXELS` in the upper half, and of those they change places with."""
+    pixels = to_light.columns * ((to_light.rows + 1) // 2)
+    launch(kernel, -(-pixels // int(PIXELS)), [*inputs, to_light], device, smallest_chunk=256)
 
 
 def light_from_display(rgba: wp.array, working_space: str = "Rec.709") -> None:
@@ -114,9 +139,5 @@ def light_from_display(rgba: wp.array, working_space: str = "Rec.709") -> None:
 
     In place, on the array's device. Off by 1e-6 of the value at most. Raises StippleError for an unknown working space.
     """
-    matrix = working_space_from_rec709(working_space)
     height, width = rgba.shape
-    mixed = int(working_space != "Rec.709")
-    pixels = width * ((height + 1) // 2)
-    inputs = [rgba.flatten(), width, height, mixed, wp.mat33(*matrix.ravel())]
-    launch(linearise_kernel, -(-pixels // int(PIXELS)), inputs, rgba.device, smallest_chunk=256)
+    launch_blocks(linearise_kernel, [rgba.flatten()], to_light_of(height, width, working_space), rgba.device)
