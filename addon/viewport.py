@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -78,6 +78,7 @@ class ViewportSession:
         self._first_seconds = 0.0  # from a change to the first picture of it, the last time
         self._shown = threading.Event()
         self._drawn: ShownPicture | None = None
+        self._is_taking = False
 
     # The interface's thread
 
@@ -96,7 +97,19 @@ class ViewportSession:
         """
         wait = min(max(WAIT, self.redraw_seconds / 2), LONGEST_WAIT)
         if self._first_seconds < 1.5 * wait:
-            self._shown.wait(wait)
+            with self._about_to_take():
+                self._shown.wait(wait)
+
+    @contextmanager
+    def _about_to_take(self) -> Iterator[None]:
+        """In a redraw, before `take`: pictures that come meanwhile ask for no redraw of their own."""
+        with self._lock:
+            self._is_taking = True
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._is_taking = False
 
     def take(self) -> ShownPicture | None:
         """The newest picture, to be drawn now; the worker is to be woken when `due` says so."""
@@ -284,4 +297,7 @@ class ViewportSession:
         if aim == self.aim and not self._shown.is_set():
             self._first_seconds = self._shown_at - self._aimed_at
             self._shown.set()
-        self.redraw()
+        with self._lock:
+            is_taken = self._is_taking
+        if not is_taken:
+            self.redraw()

@@ -73,7 +73,8 @@ class RaysViewportSession(ViewportSession):
             self.fail(aim, str(error))
             return
         try:
-            super().step(renderer, lambda: False)
+            with self._about_to_take():
+                super().step(renderer, lambda: False)
         except StippleError as error:  # the CPU's memory; there is no other device to try
             self.fail(aim, str(error))
 

@@ -85,6 +85,24 @@ def test_a_resting_viewport_ends_at_the_renderers_own_picture(renderer: Renderer
     assert f"Sample {limit}/{limit} | {expected.stats.splats_visible:,} splats" in session.status()
 
 
+def test_a_picture_that_a_redraw_waits_for_asks_for_no_second_one(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While Blender redraws its window keys wait, for 0.1 s without a graphics card."""
+    monkeypatch.setattr(viewport, "WAIT", 60.0)
+    monkeypatch.setattr(viewport, "LONGEST_WAIT", 60.0)
+    asked: list[float] = []
+    session = ViewportSession(lambda: asked.append(time.monotonic()))
+    session.aim_at(aim())
+    worker = threading.Timer(0.1, session.step, (renderer, never))
+    worker.start()
+    session.wait_a_moment()  # in a redraw, which takes the picture next
+    worker.join()
+    assert session.take() is not None and asked == []
+    shown = run(session, renderer)
+    assert shown == [(1, 1)] and len(asked) == 1  # nobody waited for the full size
+
+
 def test_the_small_picture_is_the_same_view(renderer: Renderer) -> None:
     session = ViewportSession(lambda: None)
     target = aim(random_cloud(size=0.2))  # far larger than the pixels that the dilation blurs
