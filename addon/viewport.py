@@ -22,6 +22,7 @@ from ..engine.scene import Scene
 from ..engine.settings import Settings
 from .shown_picture import ShownPicture, place_of
 from .view_camera import ViewportView
+from .viewport_rhythm import is_worth_showing
 
 if TYPE_CHECKING:
     from ..engine.renderer import Frame, Renderer
@@ -31,14 +32,6 @@ DRAWN_BY = 1.0  # [s] the full size waits for the small picture to be drawn: on 
 SLOW, FAST = 0.06, 0.012  # [s] a first picture may take at most, and below which one of twice the size is tried
 COARSEST = 4  # divider of the size: below a quarter, projecting and sorting cost more than pixels
 WAIT, LONGEST_WAIT = 0.04, 0.1  # [s] a redraw may wait for the picture of the new view, which moves with the overlays
-SHOW_INTERVAL = 0.06  # [s] at least between pictures of one accumulation: each is read back, converted and redrawn
-LONGEST_SHOW_INTERVAL = 20.0  # [s] that slow redraws make of it
-REDRAWING = 0.05  # of the time at most: while Blender redraws its window, keys wait
-ANSWERED_BY = 0.04  # [s] a key may wait: redraws that take longer hold some keys up for too long
-HELD_UP = 0.005  # of the time at most, during which a key would wait longer than that
-SECOND_PICTURE = 0.4  # [s] after the first one where that is noisy, whatever redraws cost: most of the noise goes then
-SHOW_GROWTH = 2.0  # samples of a picture over those of the one before: later samples change less and less
-SLOW_SHOW_GROWTH = 4.0  # the same where redraws hold up keys: half the noise
 LONG = 0.5  # [s] after which a frame that is not begun yet says what it is doing
 SAY_INTERVAL = 0.25  # [s] between such words: each is a redraw
 POINTS_PER_LAUNCH = 1 << 20  # [max_points] so that a launch ends soon after the aim changed
@@ -244,17 +237,8 @@ class ViewportSession:
             self._finished, self._frame = aim, None
 
     def _is_worth_showing(self, samples: int, noisy: bool) -> bool:
-        """Whether the picture has changed enough since the last one, and redraws have not held up keys for too long.
-
-        A window without a graphics card takes 126 ms to redraw (two cores, llvmpipe, 1280×800), and one with a card
-        so little that only SHOW_INTERVAL counts.
-        """
-        slow = self.redraw_seconds > ANSWERED_BY
-        if samples < (SLOW_SHOW_GROWTH if slow else SHOW_GROWTH) * self._shown_samples:
-            return False
-        interval = max(SHOW_INTERVAL, self.redraw_seconds / REDRAWING, (self.redraw_seconds - ANSWERED_BY) / HELD_UP)
-        longest = SECOND_PICTURE if noisy and self._shown_samples == 1 else LONGEST_SHOW_INTERVAL
-        return time.monotonic() - self._shown_at > min(interval, longest)
+        since = time.monotonic() - self._shown_at
+        return is_worth_showing(samples, self._shown_samples, since, self.redraw_seconds, noisy)
 
     def _begin(self, aim: Aim, renderer: Renderer, divider: int, settings: Settings, progress: Progress) -> Frame:
         from ..engine.renderer import Frame

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 from ..engine.errors import Cancelled, StippleError
 from ..engine.progress import Progress
-from .viewport import COARSEST, SHOW_INTERVAL, WAIT, Aim, ViewportSession
+from .viewport import COARSEST, WAIT, Aim, ViewportSession
+from .viewport_rhythm import SHOW_INTERVAL
 
 if TYPE_CHECKING:
     from ..engine.rays.order import DrawOrder
