@@ -195,9 +195,11 @@ def _draw_header(self: Any, context: Any) -> None:
 def _draw_object_menu(self: Any, context: Any) -> None:
     if TOGGLE.poll(context):
         self.layout.separator()
-        self.layout.operator(TOGGLE.bl_idname, text="Edit Splats")
-        self.layout.operator("stipple.join")
-        self.layout.operator("stipple.align_points")
+        column = self.layout.column()
+        column.operator_context = "INVOKE_REGION_WIN"  # both menus end with what executes: nobody could pick points
+        column.operator(TOGGLE.bl_idname, text="Edit Splats")
+        column.operator("stipple.join")
+        column.operator("stipple.align_points")
 
 
 CLASSES = (

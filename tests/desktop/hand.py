@@ -38,6 +38,11 @@ class Hand:
             f"mousemove {b_region.x + x * b_region.width:.0f} {b_window.height - b_region.y - y * b_region.height:.0f}"
         )
 
+    def on_icon(self, below: int) -> str:
+        """A mouse move to an icon of the toolbar, `below` the upper edge of the 3D view [px]."""
+        b_area, b_window = self._window.b_area, self._window.b_window
+        return f"mousemove {b_area.x + 28} {b_window.height - b_area.y - b_area.height + below}"
+
     def close_error(self) -> Any:
         """Its box would take the next key."""
         yield from self.do("key Escape", self.at(0.3, 0.3), self.at(0.5, 0.5))

@@ -14,6 +14,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hand import Hand, begin_editing, choose_tool, chosen_positions, digest, flags, splat_count
 from window import Steps, Window, run, use_stipple
 
+ICONS = {"paint": 381, "select": 423}  # of the toolbar, below the upper edge of the 3D view [px]
+MOVE_IN_MENU = ("mousemove 562 40", "click 1", "mousemove 562 64", "click 1")  # the header's last menu, its first entry
 LEFT, RIGHT = ((0.4, 0.6), (0.44, 0.65), (0.47, 0.7)), ((0.5, 0.6), (0.53, 0.65), (0.56, 0.7))
 LOOP = ((0.44, 0.55), (0.5, 0.56), (0.55, 0.6), (0.52, 0.68), (0.46, 0.7), (0.43, 0.62))
 
@@ -21,7 +23,9 @@ LOOP = ((0.44, 0.55), (0.5, 0.56), (0.55, 0.6), (0.52, 0.68), (0.46, 0.7), (0.43
 def selecting(window: Window, hand: Hand) -> Any:
     """Box, circle and lasso of the toolbar with their modifiers; linked and similar under the cursor."""
     results = window.results
-    choose_tool(window, "stipple.select_box_tool")
+    for icon, name in (("paint", "paint icon"), ("select", "select icon")):
+        yield from hand.do(hand.on_icon(ICONS[icon]), "click 1")
+        results[name] = bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname
     yield from hand.drag(*LEFT)
     results["box"] = flags(1)
     yield from hand.drag(*RIGHT, modifier="shift")
@@ -85,6 +89,7 @@ def exact(window: Window, hand: Hand) -> Any:
     yield from hand.drag(*LEFT)
     yield from window.shot("tools-exact")
     for name, keys in (
+        ("Splats > Move Y -0.5", (*MOVE_IN_MENU, "key y", "key minus", "key period", "key 5")),
         ("G Y -0.5", ("key g", "key y", "key minus", "key period", "key 5")),
         ("G Shift-Z 0.25", ("key g", "key shift+z", "key period", "key 2", "key 5")),
         ("R X 90", ("key r", "key x", "key 9", "key 0")),
@@ -114,9 +119,8 @@ def apart(window: Window, hand: Hand) -> Any:
     b_object.select_set(False)
     bpy.context.view_layer.objects.active = b_part
     yield from window.rest()
-    with bpy.context.temp_override(window=window.b_window, area=window.b_area, region=window.b_region):
-        bpy.ops.stipple.align_points("INVOKE_DEFAULT", use_scale=False)
-
+    yield from hand.do(hand.at(0.5, 0.5), "click 3")
+    yield from hand.do("mousemove 418 759", "click 1")  # the menu's last entry, Align by Three Points
     yield from window.shot("tools-apart")
     for source, target in places:
         yield from hand.do(hand.at(*source), "click 1", hand.at(*target), "click 1")

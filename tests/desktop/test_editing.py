@@ -12,6 +12,7 @@ from .conftest import run_scenario
 
 # What keys do to the middle of the selected splats and to how far they reach along the world's axes.
 EXACT = {
+    "Splats > Move Y -0.5": ((0, -0.5, 0), lambda x, y, z: (x, y, z)),
     "G Y -0.5": ((0, -0.5, 0), lambda x, y, z: (x, y, z)),
     "G Shift-Z 0.25": ((0.25, 0, 0), lambda x, y, z: (x, y, z)),
     "R X 90": ((0, 0, 0), lambda x, y, z: (x, z, y)),
@@ -50,6 +51,7 @@ def test_a_linked_capture_is_edited_by_keys_and_mouse(tmp_path: Path, shared_dat
 def test_tools_axes_numbers_and_captures_apart_and_together(tmp_path: Path, shared_data: Path) -> None:
     capture = str((shared_data / "real" / "koala.ply").resolve())
     found = run_scenario("scenarios_tools.py", "tools", tmp_path, capture)
+    assert found["paint icon"] == "stipple.paint_tool" and found["select icon"] == "stipple.select_box_tool"
     assert 0 < found["box"] < found["box and box"] and found["box again"] == found["box"]
     assert 0 < found["circle"] < found["circle and circle"]
     assert found["lasso"] > 0 and found["similar"] > 0
