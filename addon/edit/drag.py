@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...engine.errors import StippleError
 from ..view_camera import view_of
 from .kernels import check_ready
 from .mode import Reported, edited_object
@@ -45,6 +46,7 @@ class DragOperator:
             self._begin = self._mouse = np.array([event.mouse_region_x, event.mouse_region_y], float)
             self._axes, self._plane, self._typed, self._precise = "", False, "", None
             self._angle = 0.0
+            self._refusal: StippleError | None = None
             self._say(context)
             context.window_manager.modal_handler_add(self)
             return {"RUNNING_MODAL"}
@@ -63,13 +65,24 @@ class DragOperator:
             return {"PASS_THROUGH"} if event.type.startswith("NDOF") else {"RUNNING_MODAL"}
         with Reported(self):
             self._set_value(context, event.ctrl, event.shift and not self._plane)
-            matrix = self.matrix(self._pivot)  # type: ignore[attr-defined]
-            self._drag.update(matrix)
-            show_preview(edited_object(context).data, self._session, matrix, world_from_object(context))
-            redraw(context)
+            self._show(context, self.matrix(self._pivot))  # type: ignore[attr-defined]
             self._say(context)
             return {"RUNNING_MODAL"}
         return self._end(context, cancelled=True)
+
+    def _show(self, context: Any, matrix: np.ndarray) -> None:
+        """Lets the splats follow; where no splats can, the last map stays, for 0 is on the way to 0.5."""
+        from ...engine.edit.affine import checked
+
+        try:
+            checked(matrix, f"{self._session.name}: the transform")
+        except StippleError as refusal:
+            self._refusal = refusal  # of what is confirmed
+            return
+        self._refusal = None
+        self._drag.update(matrix)
+        show_preview(edited_object(context).data, self._session, matrix, world_from_object(context))
+        redraw(context)
 
     def _move(self, mouse: np.ndarray) -> None:
         if self.kind == "rotate":  # adds up, so that the angle does not jump at half a turn
@@ -157,10 +170,13 @@ class DragOperator:
         done = False
         with Reported(self):
             try:
-                step = None if cancelled else self._drag.finish(keep_values=True)
-                if cancelled:
+                if cancelled or self._refusal is not None:
                     self._drag.cancel()
-                done = step is not None and self._session.commit(b_data, step, done=True)
+                else:
+                    step = self._drag.finish(keep_values=True)
+                    done = step is not None and self._session.commit(b_data, step, done=True)
+                if self._refusal is not None and not cancelled:
+                    raise self._refusal
             finally:
                 end_preview(b_data)
                 context.area.header_text_set(None)

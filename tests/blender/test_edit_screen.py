@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from stipple.addon.camera import camera_from_blender
+from stipple.addon.edit import drag as drags
 from stipple.addon.edit import preview as previews
 from stipple.addon.edit.operator import session_in
 from stipple.addon.edit.visible import Picker
+from stipple.addon.operators.edit_transform import STIPPLE_OT_resize
 from stipple.addon.splat_data import cloud_from_datablock
 from stipple.engine.edit.state import SELECTED
 from stipple.engine.splats import SH_C0
@@ -208,3 +211,62 @@ def test_a_preview_is_shown_in_place_of_the_data_until_it_ends() -> None:
     assert previews.preview_of(b_evaluated) is None and every_byte(b_object.data) == before
     bpy.ops.stipple.delete()
     assert np.allclose(session_in(bpy.context).snapshot().position, positions(b_object))
+
+
+class ScaleDrag(drags.DragOperator):
+    """*S* in a viewport that is only its camera, for the background has none."""
+
+    kind, bl_label, bl_idname, value = "resize", "Scale Splats", "stipple.resize", (1.0, 1.0, 1.0)
+    matrix, pivot_of = STIPPLE_OT_resize.matrix, STIPPLE_OT_resize.pivot_of
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.said: list[str] = []
+        camera = camera_from_blender(bpy.context.scene.camera, bpy.context.scene.render)
+        monkeypatch.setattr(drags, "view_of", lambda *_: SimpleNamespace(camera=lambda: camera))
+        silent = SimpleNamespace(header_text_set=lambda text: None, status_text_set=lambda text: None)
+        manager = SimpleNamespace(
+            windows=(), modal_handler_add=lambda operator: None, progress_begin=lambda *_: None,
+            progress_update=lambda *_: None, progress_end=lambda: None,
+        )  # fmt: skip
+        self.context = SimpleNamespace(
+            object=bpy.context.object, mode="OBJECT", scene=bpy.context.scene, area=silent, workspace=silent,
+            region=silent, region_data=silent, window_manager=manager,
+        )  # fmt: skip
+        assert self.invoke(self.context, self.event("S")) == {"RUNNING_MODAL"}
+
+    @staticmethod
+    def event(key: str) -> Any:
+        return SimpleNamespace(type=key, value="PRESS", ctrl=False, shift=False, mouse_region_x=70, mouse_region_y=50)
+
+    def report(self, kind: set[str], text: str) -> None:
+        self.said.append(text)
+
+    def press(self, *keys: str) -> set[str]:
+        for key in keys:
+            result = self.modal(self.context, self.event(key))
+            if result != {"RUNNING_MODAL"}:
+                break
+        return result
+
+
+def test_a_number_may_begin_with_zero(b_object: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bpy.ops.stipple.select_all(action="SELECT")
+    before = positions(b_object)
+    drag = ScaleDrag(monkeypatch)
+    assert drag.press("ZERO") == {"RUNNING_MODAL"}
+    assert np.array_equal(session_in(bpy.context).snapshot().position, before)  # the last map that splats can follow
+    assert drag.press("PERIOD", "FIVE", "RET") == {"FINISHED"} and not drag.said
+    middle = before.mean(axis=0, dtype=np.float64)
+    assert np.allclose(positions(b_object), middle + (before - middle) / 2, atol=1e-6)
+
+
+def test_a_scale_of_zero_is_refused_when_it_is_confirmed(b_object: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bpy.ops.stipple.select_all(action="SELECT")
+    before = every_byte(b_object.data)
+    drag = ScaleDrag(monkeypatch)
+    assert drag.press("TWO", "BACK_SPACE", "X", "ZERO") == {"RUNNING_MODAL"}
+    assert drag.press("RET") == {"CANCELLED"}
+    assert drag.said == ["Capture: the transform flattens the capture; give every axis a scale."]
+    assert every_byte(b_object.data) == before and previews.preview_of(b_object) is None
+    drag = ScaleDrag(monkeypatch)
+    assert drag.press("ZERO", "ESC") == {"CANCELLED"} and not drag.said  # nobody asked for it
