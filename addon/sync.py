@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from .splat_data import POINT_TYPES, is_capture, splat_count_of
 SHOWN_TYPES = ("show_object_viewport_pointcloud", "show_object_viewport_mesh")
 DEVICE = {"AUTO": "auto", "CPU": "cpu", "CUDA": "cuda:0"}
 
+T = TypeVar("T")
 Shown = tuple[SplatCloud | CaptureFile | None, int]
 """What an object shows, and how many of its splats are left out."""
 
@@ -63,10 +64,11 @@ def viewport_instances(
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """As `scene_from_depsgraph` for what one viewport shows: local view and the viewport's object types count.
 
-    Reads again only captures that are new or whose geometry is in `changed` (session_uids). Of a linked capture whose
-    file cannot be read the proxy is shown, with a warning.
+    Reads again only captures that are new or whose geometry is in `changed` (session_uids). What cannot be read is left
+    out, of a linked capture the proxy is shown, and a warning says so: the others stay in view while one is mended.
     """
     problems: dict[str, None] = {}
+    nothing: Shown = (None, 0)
 
     def cloud_of(b_instance: Any, b_object: Any) -> Shown:
         b_shown = b_instance.parent if b_instance.is_instance else b_object
@@ -74,28 +76,33 @@ def viewport_instances(
         uids = [b_id.session_uid for b_id in (b_original.data, b_original, b_shown.original)]
         if not b_shown.visible_in_viewport_get(b_space):
             known.keep(b_object.data, uids)
-            return None, 0
+            return nothing
         if sequence.plays(b_object):
-            return player.cloud_of(b_object)
+            return _tried(lambda: player.cloud_of(b_object), nothing, problems)
         if is_linked(b_object.data):
-            try:
-                return linked.capture_of(b_object.data, b_object.name), 0
-            except StippleError as error:
-                problems[str(error)] = None
+            capture = _tried(lambda: linked.capture_of(b_object.data, b_object.name), None, problems)
+            if capture is not None:
+                return capture, 0
         if isinstance(preview := preview_of(b_object), Preview):
             return preview.cloud, 0
-        return known.cloud_of(b_object.data, b_object.name, uids)
+        return _tried(lambda: known.cloud_of(b_object.data, b_object.name, uids), nothing, problems)
 
     def as_shown(instance: Instance, b_object: Any, dropped: int) -> tuple[tuple[Instance, ...], str]:
-        try:
-            return shown_in_viewport(instance, b_object, dropped, depsgraph.scene)
-        except StippleError as error:
-            problems[str(error)] = None
-            return (instance,), ""
+        bare: tuple[tuple[Instance, ...], str] = ((instance,), "")
+        return _tried(lambda: shown_in_viewport(instance, b_object, dropped, depsgraph.scene), bare, problems)
 
     with known.reading(changed), player.reading(depsgraph.scene):
         instances, warnings = _instances(depsgraph, cloud_of, as_shown)
     return instances, (*problems, *warnings, *player.warnings)
+
+
+def _tried(read: Callable[[], T], otherwise: T, problems: dict[str, None]) -> T:
+    """What `read` gives; `otherwise`, and its sentence among the problems, where it raises StippleError."""
+    try:
+        return read()
+    except StippleError as error:
+        problems[str(error)] = None
+        return otherwise
 
 
 def visibility_of(b_space: Any) -> tuple[object, ...]:

@@ -10,7 +10,11 @@ import bpy
 import numpy as np
 import pytest
 
+from stipple.addon import residency
+from stipple.addon.sequence import SequencePlayer
 from stipple.addon.splat_data import datablock_from_cloud
+from stipple.addon.sync import viewport_instances
+from stipple.engine.scene import Instance
 from stipple.engine.splats import SH_REST_COUNT, SplatCloud
 
 ARRAYS = ("position", "scale", "rotation", "opacity", "sh_dc", "sh_rest")
@@ -54,6 +58,14 @@ def add_capture(cloud: SplatCloud, name: str = "Capture") -> Any:
     b_object = bpy.data.objects.new(name, datablock_from_cloud(cloud, name))
     bpy.context.scene.collection.objects.link(b_object)
     return b_object
+
+
+def in_viewport() -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    """What a 3D viewport that has read nothing yet shows of the scene, and its warnings."""
+    b_space = next(area.spaces.active for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
+    known = residency.EvaluatedClouds(residency.CloudCache())
+    player = SequencePlayer(residency.sequences)
+    return viewport_instances(bpy.context.evaluated_depsgraph_get(), b_space, known, player, ())
 
 
 def add_camera(location: tuple[float, float, float] = (0.0, -4.0, 0.0)) -> Any:

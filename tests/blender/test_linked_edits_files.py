@@ -17,7 +17,7 @@ from stipple.addon.capture_panel import edits_state_of
 from stipple.addon.linked_edits import found_edits
 from stipple.engine.edit.edits_file import read_edits
 
-from .captures import add_camera, pixels_of, random_cloud, render, use_stipple, write_ply
+from .captures import add_camera, in_viewport, pixels_of, random_cloud, render, use_stipple, write_ply
 from .editing import activate, refused
 from .fresh_process import fresh_python
 from .linked import link, save, synced
@@ -202,20 +202,10 @@ def test_a_capture_of_other_content_never_gets_them(b_object: Any, path: Path, t
 
 
 def test_a_viewport_shows_the_bare_capture_and_says_why(b_object: Any, tmp_path: Path) -> None:
-    from stipple.addon import residency, sequence
-    from stipple.addon.sync import viewport_instances
-
-    class Space:
-        """What `viewport_instances` asks a 3D view for."""
-
     save(tmp_path / "shot.blend")
     (tmp_path / "shot.garden.edits.npz").unlink()
     load(tmp_path / "shot.blend")
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    known = residency.EvaluatedClouds(residency.CloudCache())
-    player = sequence.SequencePlayer(residency.sequences)
-    b_space = next(a.spaces.active for s in bpy.data.screens for a in s.areas if a.type == "VIEW_3D")
-    instances, warnings = viewport_instances(depsgraph, b_space, known, player, ())
+    instances, warnings = in_viewport()
     assert len(instances) == 1 and instances[0].states is None
     assert "shot.garden.edits.npz: there is no such file" in warnings[0]
 

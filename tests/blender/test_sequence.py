@@ -27,6 +27,7 @@ from .captures import (
     add_camera,
     add_capture,
     assert_same_cloud,
+    in_viewport,
     pixels_of,
     random_cloud,
     render,
@@ -86,6 +87,18 @@ def test_a_missing_number_holds_the_one_before_and_says_so(folder: Path) -> None
     assert scene.splat_count == COUNTS[3]
     assert warnings == ("walk: number 4 of the sequence is missing; walk.0003.ply is held.",)
     assert shown(5)[1] == ()
+
+
+def test_a_sequence_whose_files_are_gone_takes_no_other_capture_from_the_viewport(folder: Path) -> None:
+    import_sequence(folder)
+    add_capture(random_cloud(), "Koala")
+    for path in folder.glob("*.ply"):
+        path.unlink()
+    instances, warnings = in_viewport()
+    assert [instance.name for instance in instances] == ["Koala"]
+    assert "no file of the sequence is there" in warnings[0]
+    with pytest.raises(StippleError, match="no file of the sequence is there"):
+        shown(1)
 
 
 def test_the_frame_mapping_is_the_objects(folder: Path) -> None:

@@ -16,7 +16,7 @@ from stipple.addon.sync import scene_from_depsgraph, settings_from_scene
 from stipple.engine.errors import StippleError
 from stipple.engine.scene import Scene
 
-from .captures import add_capture, assert_same_cloud, random_cloud
+from .captures import add_capture, assert_same_cloud, in_viewport, random_cloud
 
 pytestmark = pytest.mark.blender
 
@@ -164,6 +164,16 @@ def test_broken_captures_are_named() -> None:
     b_object.data.attributes.remove(b_object.data.attributes["scale"])
     with pytest.raises(StippleError, match="Statue: the point attribute 'scale' is missing"):
         synced()
+
+
+def test_a_broken_capture_takes_no_other_from_the_viewport() -> None:
+    add_capture(random_cloud(), "Koala")
+    b_object = add_capture(random_cloud(seed=2), "Statue")
+    b_object.data.attributes.remove(b_object.data.attributes["scale"])
+    instances, warnings = in_viewport()
+    assert [instance.name for instance in instances] == ["Koala"]
+    (warning,) = warnings
+    assert warning.startswith("Statue: the point attribute 'scale' is missing")
 
 
 def test_invalid_splats_are_counted() -> None:
