@@ -11,7 +11,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ...engine.edit.state_bits import DELETED, SELECTED
+from ...engine.edit.state_bits import DELETED, NOT_SELECTABLE, SELECTED
 from ...engine.errors import StippleError
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from ..edit.mode import Reported
@@ -80,7 +80,7 @@ class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
             states = np.zeros(cloud.splat_count, np.uint32)
         kept = (states & DELETED) == 0
         if self.content == "SPLATS":
-            kept &= (states & SELECTED) != 0
+            kept &= (states & (SELECTED | NOT_SELECTABLE)) == SELECTED  # what hides or locks keeps the selection's bit
         if dropped:
             self.report({"WARNING"}, f"{b_object.name}: {dropped:,} splats have invalid values and are left out.")
         if not kept.any():

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from mathutils import Euler, Matrix
 
-from stipple.engine.edit.state import SELECTED
+from stipple.addon.splat_data import write_states
+from stipple.engine.edit.state_bits import HIDDEN, LOCKED, SELECTED
 from stipple.engine.edit.transform import transform_cloud
 from stipple.engine.formats import read_splats
 
@@ -37,6 +38,19 @@ def test_export_writes_what_is_seen(tmp_path: Path) -> None:
     bpy.ops.export_scene.splats(filepath=str(path))
     rest = part(before, ~chosen)
     assert_close(read_splats(path).cloud, transform_cloud(rest, np.array(PLACED)[:3]), 1e-5)
+
+
+def test_selected_splats_that_are_hidden_or_locked_are_not_exported(tmp_path: Path) -> None:
+    """Hiding and locking keep the selection's flag, for a reveal brings it back; no edit acts on such splats."""
+    b_object = edited(random_cloud(40))
+    bpy.ops.stipple.select_all(action="SELECT")
+    states = np.full(40, SELECTED, np.uint32)
+    states[:10] |= HIDDEN
+    states[10:20] |= LOCKED
+    write_states(b_object.data, states)
+    path = tmp_path / "selected.ply"
+    bpy.ops.export_scene.splats(filepath=str(path), content="SPLATS", apply_transform=False)
+    assert_close(read_splats(path).cloud, part(cloud_of(b_object), np.arange(20, 40)))
 
 
 def test_export_of_several_objects(tmp_path: Path) -> None:
