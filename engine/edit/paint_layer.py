@@ -110,6 +110,7 @@ def begin_colour_layer(cloud: EditableCloud) -> None:
     Takes 20 bytes per splat and a second copy of the harmonics, once. Hosts call it when the brush is picked up, so
     that the first stroke need not wait. Raises StippleError when memory runs out.
     """
+    cloud.array("base_dc")  # a cloud that unpacks colour when it is asked for begins the layer then if it has paint
     if cloud.has("paint"):
         return
     words = allocate(cloud.device, wp.uint64, cloud.splat_count, "paint", EDIT_LESS)
@@ -119,6 +120,7 @@ def begin_colour_layer(cloud: EditableCloud) -> None:
 
 def begin_opacity_layer(cloud: EditableCloud) -> None:
     """Make room for painted opacity beside the unpainted one: 4 bytes per splat. Raises StippleError for memory."""
+    cloud.array("base_opacity")  # as above: painted opacity would come with it
     if not cloud.has("base_opacity"):
         cloud.add_layer({"base_opacity"}, {})
 

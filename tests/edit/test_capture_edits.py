@@ -138,6 +138,22 @@ def test_erasing_paint_leaves_nothing(capture: CaptureFile, device: str) -> None
             assert cloud.edits.is_empty == ("erase" in mode)
 
 
+@pytest.mark.parametrize("mode", ["rgb", "erase", "opacity", "erase_opacity"])
+def test_a_stroke_on_edits_taken_up_again_is_one_on_those_that_were_made(
+    capture: CaptureFile, device: str, mode: str
+) -> None:
+    """Paint is unpacked when the second stroke begins, and must not be taken for the unpainted colour."""
+    live = unpacked(capture, device)
+    again = unpacked(capture, device, edited(live))
+    for cloud in (live, again):
+        stroke = PaintStroke(cloud, Brush(mode=mode, colour=(0, 0, 1), opacity=0.9, strength=0.5))
+        stroke.dab((0, 0, 4), 2.0)
+        step = stroke.finish()
+        assert step is not None and step.changed > 50
+        cloud.keep(cloud.edits_after(step))
+    assert live.edits.token == again.edits.token
+
+
 def test_a_step_that_adds_splats_is_refused(capture: CaptureFile, device: str) -> None:
     cloud = unpacked(capture, device)
     select_all(cloud).apply(cloud)
