@@ -2,9 +2,9 @@
 """Edits of linked captures: a token in the datablock, the edits in memory, a file beside the .blend when that is saved.
 
 `data.stipple_capture.edits` is a hash of the edits, and all that Blender's undo sees of them. What a token stands for
-is kept here for as many steps as Blender can undo, for a state of an edit is small and shares what did not change with
-the one before. Saving the .blend writes the edits of every linked capture in it first (`edits_beside_blend`), so that
-the token in the .blend always has its file.
+is kept here as long as Blender can undo or redo to it, for a state of an edit is small and shares what did not change
+with the one before. Saving the .blend writes the edits of every linked capture in it first (`edits_beside_blend`), so
+that the token in the .blend always has its file.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class FoundEdits:
 
 Stamp = tuple[int, int]  # size and date of a file
 
-_kept: dict[str, CaptureEdits] = {}  # by token, the one used last at the end
+_kept: dict[str, CaptureEdits] = {}  # by token
+_states: dict[int, list[str]] = {}  # by session_uid of a datablock: the tokens it went through, the newest at the end
 _files: dict[Path, tuple[Stamp, CaptureEdits]] = {}  # what files were found to hold
 _shown: list[EditedCapture] = []  # the one used last at the end
 
@@ -50,15 +51,13 @@ def has_edits(b_data: Any) -> bool:
 
 def put_edits(b_data: Any, edits: CaptureEdits) -> None:
     """Makes these the edits of a datablock. Undo brings the ones before back."""
-    keep(edits)
-    b_data.stipple_capture.edits = "" if edits.is_empty else edits.token
-    b_data.update_tag()
+    _kept[edits.token] = edits
+    _change_token(b_data, "" if edits.is_empty else edits.token)
 
 
 def discard_edits(b_data: Any) -> None:
     """Shows the capture as its file has it; a file of edits stays where it is. Undo brings the edits back."""
-    b_data.stipple_capture.edits = ""
-    b_data.update_tag()
+    _change_token(b_data, "")
 
 
 def found_edits(b_data: Any, name: str) -> FoundEdits | None:
@@ -71,13 +70,12 @@ def found_edits(b_data: Any, name: str) -> FoundEdits | None:
     if not token:
         return None
     if token in _kept:
-        keep(_kept[token])
         return FoundEdits(_kept[token])
     path = edits_path(b_data)
     if path is None:
         raise StippleError(f"{name}: its edits were not saved with the .blend file; undo, or discard the edits.")
     edits = _stored(path, token)
-    keep(edits)
+    _kept[edits.token] = edits
     if edits.token == token:
         return FoundEdits(edits)
     return FoundEdits(edits, f"{name}: {path.name} holds other edits than the .blend was saved with; they are shown.")
@@ -101,15 +99,26 @@ def edited_capture(capture: CaptureFile, edits: CaptureEdits) -> EditedCapture:
     return edited
 
 
-def keep(edits: CaptureEdits) -> None:
-    """Remembers what a token stands for, and forgets what no undo can ask for any more."""
-    _kept.pop(edits.token, None)
-    _kept[edits.token] = edits
-    most = max(FEWEST_KEPT, bpy.context.preferences.edit.undo_steps + 2)
-    if len(_kept) > most:  # each undo step changes one token; those of now come on top
-        used = {b_data.stipple_capture.edits for b_data in linked_data()}
-        for token in [token for token in list(_kept)[:-most] if token not in used]:
-            del _kept[token]
+def _change_token(b_data: Any, token: str) -> None:
+    """Sets another token, and forgets what the ones stand for that no undo or redo can ask for any more.
+
+    A change ends what could be redone: what came after the token of before, were it by a slider of the redo panel,
+    which undoes and does again with every value. Of what can be undone as many are kept as Blender has steps.
+    """
+    before = b_data.stipple_capture.edits
+    b_data.stipple_capture.edits = token
+    b_data.update_tag()
+    states = _states.setdefault(b_data.session_uid, [])
+    old = list(states)
+    if before in states:
+        del states[len(states) - states[::-1].index(before) :]
+    else:
+        states.append(before)
+    states.append(token)
+    del states[: -max(FEWEST_KEPT, bpy.context.preferences.edit.undo_steps + 2)]
+    needed = {b_other.stipple_capture.edits for b_other in linked_data()}.union(*_states.values())
+    for gone in set(old) - needed:
+        _kept.pop(gone, None)
 
 
 def linked_data() -> list[Any]:
@@ -169,6 +178,7 @@ def _stamp(path: Path) -> Stamp:
 
 def free() -> None:
     _kept.clear()
+    _states.clear()
     _files.clear()
     _shown.clear()
 

@@ -242,6 +242,41 @@ def test_no_more_states_are_kept_than_undo_can_ask_for(b_object: Any) -> None:
         bpy.context.preferences.edit.undo_steps = 32
 
 
+def test_a_slider_of_the_redo_panel_takes_no_undo_step_away(b_object: Any) -> None:
+    """With every value it undoes and does again; the values before can be reached no more, and are forgotten."""
+    tokens = [""]
+    for radius in (0.5, 0.6, 0.7, 0.8):
+        bpy.ops.stipple.select_sphere("EXEC_DEFAULT", True, center=(-1, 0, 0), radius=radius)
+        tokens.append(b_object.data.stipple_capture.edits)
+    for index in range(60):
+        bpy.ops.ed.undo()
+        bpy.ops.stipple.select_sphere("EXEC_DEFAULT", True, center=(-1, 0, 0), radius=0.8 + 0.01 * index)
+    assert len(linked_edits._kept) == 4
+    for token in tokens[-2::-1]:
+        bpy.ops.ed.undo()
+        b_now = bpy.data.objects["garden"]
+        assert b_now.data.stipple_capture.edits == token
+        assert states(b_now).any() == bool(token)
+    for _ in range(4):
+        bpy.ops.ed.redo()
+    assert states(bpy.data.objects["garden"]).any()
+
+
+def test_states_that_were_seen_twice_can_be_undone(b_object: Any) -> None:
+    for index in range(6):
+        bpy.ops.stipple.select_sphere("EXEC_DEFAULT", True, center=(-1, 0, 0), radius=0.5 + 0.1 * index)
+        bpy.ops.stipple.select_all("EXEC_DEFAULT", True, action="DESELECT")
+    for count in (3, 2, 5):
+        for _ in range(count):
+            bpy.ops.ed.undo()
+            states(bpy.data.objects["garden"])
+        bpy.ops.stipple.select_sphere("EXEC_DEFAULT", True, center=(1, 0, 0), radius=0.5)
+    for _ in range(5):
+        bpy.ops.ed.undo()
+        states(bpy.data.objects["garden"])
+    assert bpy.data.objects["garden"].data.stipple_capture.edits == ""
+
+
 def test_a_change_of_flags_uploads_no_splats_again(b_object: Any) -> None:
     bpy.ops.stipple.select_sphere(**LEFT)
     bpy.ops.stipple.translate(value=(0, 0, 1))
