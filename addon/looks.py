@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.look import MOST_CROPS, Crop, Look
+from .crop_places import CropPlaces
 
 Matrix = npt.NDArray[np.float64]
 
@@ -36,7 +37,7 @@ class LookReader:
         self.notices: dict[str, None] = {}
         self._depsgraph, self._working_space = depsgraph, working_space
         self._sources: dict[int, _Source] = {}
-        self._evaluated: set[int] | None = None
+        self._places = CropPlaces(depsgraph)
 
     def look_of(self, b_instance: Any) -> Look:
         """The look of one of `depsgraph.object_instances`."""
@@ -82,45 +83,41 @@ class LookReader:
         for index, b_crop in enumerate(b_object.stipple.crops):
             if not b_crop.use:
                 continue
-            b_volume = b_crop.object
-            if b_volume is None or not b_volume.original.users_collection:
+            if _is_deleted(b_crop.object):
                 self._notice(f"{b_object.name}: crop {index + 1} has no object any more and is ignored.")
                 continue
-            b_volume = b_volume.original.evaluated_get(self._depsgraph)
-            if self._stands_still(b_volume):
-                self._notice(
-                    f"{b_object.name}: the crop object {b_volume.name} is disabled here and does not move; enable it "
-                    "and let it display as bounds instead."
-                )
+            b_volume = b_crop.object.original.evaluated_get(self._depsgraph)
+            if self._places.stands_still(b_volume):
+                self._notice(f"{b_object.name}: the crop object {b_volume.name} {_why_it_stands_still(b_volume)}.")
             volume = _volume(b_volume)
             if np.diagonal(volume).min() == 0.0:
                 self._notice(
                     f"{b_object.name}: the crop object {b_volume.name} is flat and holds nothing; give it a thickness."
                 )
-            matrix = np.array(b_volume.matrix_world, np.float64) @ volume
+            matrix = self._places.matrix_of(b_volume) @ volume
             crops.append(Crop(_rows(matrix), b_crop.shape.lower(), b_crop.keep.lower()))
         if len(crops) > MOST_CROPS:
             self._notice(f"{b_object.name}: {len(crops)} crops are in use, the first {MOST_CROPS} of them crop.")
         return tuple(crops[:MOST_CROPS])
 
-    def _stands_still(self, b_object: Any) -> bool:
-        """Whether it may move and Blender does not evaluate it: disabled, or in an excluded collection."""
-        if self._evaluated is None:
-            self._evaluated = {b_seen.original.session_uid for b_seen in self._depsgraph.objects}
-        if b_object.original.session_uid in self._evaluated or not may_move(b_object.original):
-            return False
-        hidden_only = self._depsgraph.mode == "VIEWPORT" and b_object.original.hide_get(
-            view_layer=self._depsgraph.view_layer
-        )
-        return not hidden_only  # what the eye icon hides is evaluated all the same
-
     def _notice(self, text: str) -> None:
         self.notices[text] = None
 
 
-def may_move(b_object: Any) -> bool:
-    """Whether an object's matrix may depend on the frame or on other objects."""
-    return bool(b_object.animation_data or b_object.parent or b_object.constraints)
+def _is_deleted(b_volume: Any) -> bool:
+    """Whether a crop has lost its object: deleted ones are kept by the crop, in no collection.
+
+    Those of another file are in none here, too, where the capture was linked without their collection.
+    """
+    if b_volume is None:
+        return True
+    return b_volume.original.library is None and not b_volume.original.users_collection
+
+
+def _why_it_stands_still(b_volume: Any) -> str:
+    if not b_volume.original.users_collection:
+        return "is in no collection here and does not move; link its collection, too"
+    return "is disabled here and does not move; enable it and let it display as bounds instead"
 
 
 def _volume(b_object: Any) -> Matrix:

@@ -104,6 +104,82 @@ def test_crop_objects_that_blender_does_not_evaluate_are_named() -> None:
     assert read()[1] == ()  # the eye icon hides it and Blender goes on moving it
 
 
+@pytest.mark.parametrize("hide", ["disabled", "excluded"])
+def test_a_disabled_crop_object_stands_where_it_stood_when_the_file_is_opened_again(tmp_path: Path, hide: str) -> None:
+    b_object, b_empty = add_capture(random_cloud()), add_empty("Volume", scale=(0.5, 1.0, 1.0), location=(0.2, 0, 0))
+    b_empty.parent = b_object
+    b_empty.matrix_parent_inverse.translation = (0.0, 0.3, 0.0)
+    b_object.location = (0.0, 0.0, 3.0)
+    add_crop(b_object, b_empty)
+    (look,) = looks()
+    assert look.crops[0].world_from_crop == (
+        (0.5, 0, 0, pytest.approx(0.2)),
+        (0, 1, 0, pytest.approx(0.3)),
+        (0, 0, 1, 3),
+    )
+    if hide == "disabled":
+        b_empty.hide_viewport = b_empty.hide_render = True
+    else:
+        exclude(b_empty)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    scene, warnings = read()
+    np.testing.assert_allclose(
+        scene.instances[0].look.crops[0].world_from_crop, look.crops[0].world_from_crop, atol=1e-6
+    )
+    assert warnings == ()
+
+
+def exclude(*b_objects: Any) -> Any:
+    """A new collection, excluded from the view layer, and the objects in nothing else."""
+    b_collection = bpy.data.collections.new("Set")
+    bpy.context.scene.collection.children.link(b_collection)
+    for b_object in b_objects:
+        bpy.context.scene.collection.objects.unlink(b_object)
+        b_collection.objects.link(b_object)
+    bpy.context.view_layer.layer_collection.children["Set"].exclude = True
+    return b_collection
+
+
+def test_a_crop_object_that_is_instanced_from_an_excluded_collection_moves() -> None:
+    b_object, b_empty = add_capture(random_cloud()), add_empty("Volume", scale=(0.5, 1.0, 1.0))
+    add_crop(b_object, b_empty)
+    for frame in (1, 2):
+        b_empty.location.x = frame
+        b_empty.keyframe_insert("location", frame=frame)
+    b_collection = exclude(b_object, b_empty)
+    add_empty("Instance", instance_type="COLLECTION", instance_collection=b_collection, location=(0.0, 5.0, 0.0))
+    for frame in (1, 2):
+        bpy.context.scene.frame_set(frame)
+        scene, warnings = read()
+        np.testing.assert_allclose(np.array(scene.instances[0].look.crops[0].world_from_crop)[:, 3], (frame, 5, 0))
+        assert warnings == ()
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("kind", ["Object", "Collection"])
+def test_a_capture_that_is_linked_without_its_crop_object_is_cropped(tmp_path: Path, kind: str, moves: bool) -> None:
+    """Of the crop object Blender reads the datablock and evaluates nothing."""
+    b_object, b_empty = add_capture(random_cloud()), add_empty("Volume", scale=(0.5, 1.0, 1.0), location=(0.2, 0, 0))
+    b_empty.parent = b_object
+    b_object.location = (0.0, 0.0, 3.0)
+    add_crop(b_object, b_empty)
+    if moves:
+        b_empty.keyframe_insert("location", frame=1)
+    b_collection = bpy.data.collections.new("Statue")
+    b_collection.objects.link(b_object)
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {b_collection})
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    name = {"Object": "Capture", "Collection": "Statue"}[kind]
+    folder = f"{tmp_path / 'library.blend'}/{kind}/"
+    bpy.ops.wm.link(filepath=folder + name, directory=folder, filename=name)
+    scene, warnings = read()
+    matrix = np.array(scene.instances[0].look.crops[0].world_from_crop)
+    np.testing.assert_allclose(matrix, ((0.5, 0, 0, 0.2), (0, 1, 0, 0), (0, 0, 1, 3)), atol=1e-6)
+    text = "Capture: the crop object Volume is in no collection here and does not move; link its collection, too."
+    assert warnings == ((text,) if moves else ())
+
+
 def test_more_crops_than_the_engine_has_are_left_out_with_a_notice() -> None:
     b_object, b_empty = add_capture(random_cloud()), add_empty("Volume")
     for _ in range(MOST_CROPS + 1):
