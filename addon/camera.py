@@ -58,12 +58,8 @@ def camera_from_blender(
     """
     if b_camera_object.type != "CAMERA":
         raise StippleError(f"{b_camera_object.name} is not a camera; choose one in Scene properties > Camera.")
+    check_lens(b_camera_object)
     b_camera = b_camera_object.data
-    if b_camera.type not in ("PERSP", "ORTHO"):
-        raise StippleError(
-            f"{b_camera_object.name}: Stipple cannot render {b_camera.type.lower()} cameras; "
-            f"set Lens > Type to Perspective or Orthographic."
-        )
     width, height = frame_size(b_render)
     aspect = b_render.pixel_aspect_y / b_render.pixel_aspect_x
     fit_px, sensor_mm = _fit(b_camera, width, height, b_render.pixel_aspect_x, b_render.pixel_aspect_y)
@@ -85,6 +81,16 @@ def camera_from_blender(
         projection="orthographic" if orthographic else "pinhole",
         window=border_window(b_render),
     )
+
+
+def check_lens(b_camera_object: Any) -> None:
+    """Raises StippleError for a panoramic camera, whose picture no matrix makes, and for one of custom shaders."""
+    kind = b_camera_object.data.type
+    if kind not in ("PERSP", "ORTHO"):
+        raise StippleError(
+            f"{b_camera_object.name}: Stipple cannot render {kind.lower()} cameras; "
+            f"set Lens > Type to Perspective or Orthographic."
+        )
 
 
 def _fit(b_camera: Any, width: int, height: int, aspect_x: float, aspect_y: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..engine.camera import Camera
 from ..engine.errors import StippleError
-from .camera import OPENCV_FROM_BLENDER, camera_from_world
+from .camera import OPENCV_FROM_BLENDER, camera_from_world, check_lens
 
 ROUNDING = 1e-5  # of float32 matrices that were inverted once, relative
 FAR = 1e6  # [world units], where float32 leaves no better number in the matrix
@@ -87,7 +87,10 @@ class ViewportView:
 
 
 def view_of(context: Any, b_scene: Any) -> ViewportView:
-    """The view of the context's region, with the border of the camera or of the viewport where one is in use."""
+    """The view of the context's region, with the border of the camera or of the viewport where one is in use.
+
+    Raises StippleError through a camera that a final render refuses: Blender's matrices are of a perspective one then.
+    """
     b_region, b_region_3d, b_space = context.region, context.region_data, context.space_data
     window, view = np.array(b_region_3d.window_matrix), np.array(b_region_3d.view_matrix)
     from_world = OPENCV_FROM_BLENDER @ view[:3].astype(np.float64)
@@ -95,6 +98,7 @@ def view_of(context: Any, b_scene: Any) -> ViewportView:
     if b_region_3d.view_perspective == "CAMERA":
         b_camera = b_space.camera if b_space.use_local_camera else b_scene.camera
         if b_camera is not None and b_camera.type == "CAMERA":
+            check_lens(b_camera)
             from_world = _exact(from_world, b_camera)
             if b_scene.render.use_border:
                 border = _camera_border(b_camera, b_scene, window @ view)

@@ -66,7 +66,7 @@ class Viewport:
         self._render_rays()
         texts = (problem or self.session.status(), self._notice, self._world_notice)
         b_engine.update_stats("Stipple", " | ".join(text for text in texts if text))
-        picture = self.session.take()
+        picture = None if problem else self.session.take()  # what is there is of another view
         if picture is not None:
             self._display.draw(b_engine, b_scene, picture, (context.region.width, context.region.height))
         residency.worker.wake()

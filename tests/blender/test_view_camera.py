@@ -14,6 +14,7 @@ from mathutils import Matrix
 from stipple.addon.camera import OPENCV_FROM_BLENDER, camera_from_blender
 from stipple.addon.view_camera import WHOLE, ViewportView, view_of
 from stipple.addon.viewport import COARSEST
+from stipple.engine.errors import StippleError
 from stipple.engine.rays.support import make_frustum
 
 from .captures import add_camera, use_stipple
@@ -75,6 +76,20 @@ def test_the_camera_view_has_the_final_render_s_own_matrix() -> None:
     assert (exact.camera_from_world == final.camera_from_world).all()
     elsewhere = view_of(region(b_camera, window, Matrix.Translation((0, 0, 1)) @ view), bpy.context.scene).camera()
     assert abs(elsewhere.camera_from_world - final.camera_from_world).max() > 0.5
+
+
+def test_a_panoramic_camera_is_refused_as_the_final_render_refuses_it() -> None:
+    b_camera = posed_camera("PERSP")
+    window, view = matrices(b_camera, 640, 360)
+    b_camera.data.type = "PANO"
+    context = region(b_camera, window, view)
+    with pytest.raises(StippleError) as refused:
+        camera_from_blender(b_camera, bpy.context.scene.render)
+    with pytest.raises(StippleError, match="Camera: Stipple cannot render pano cameras") as shown:
+        view_of(context, bpy.context.scene)
+    assert str(shown.value) == str(refused.value)
+    context.region_data.view_perspective = "PERSP"
+    view_of(context, bpy.context.scene)  # from beside the camera its kind does not matter
 
 
 def test_an_odd_size_is_covered_by_every_divider() -> None:
