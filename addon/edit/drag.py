@@ -39,7 +39,7 @@ class DragOperator:
             from ...engine.edit.transform import TransformDrag
 
             check_ready(device_of(context))
-            self._session = session_in(context)
+            self._session = session_in(context, by_hand=True)
             self._pivot = self.pivot_of(context, self._session)  # type: ignore[attr-defined]
             self._camera = view_of(context, context.scene).camera()
             self._drag = TransformDrag(self._session.cloud, world_from_object(context), self.bl_label)  # type: ignore[attr-defined]

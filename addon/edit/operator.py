@@ -42,12 +42,15 @@ class SplatOperator:
     def invoke(self, context: Any, event: Any) -> set[str]:
         with Reported(self):
             check_ready(device_of(context))
-            return self.execute(context)
+            return self._do(context, by_hand=True)
         return {"CANCELLED"}
 
     def execute(self, context: Any) -> set[str]:
+        return self._do(context, by_hand=False)
+
+    def _do(self, context: Any, by_hand: bool) -> set[str]:
         with Reported(self):
-            session = session_in(context)
+            session = session_in(context, by_hand)
             step = self.step(context, session)
             if session.commit(edited_object(context).data, step, self.sources(session)):
                 redraw(context)
@@ -62,10 +65,10 @@ class SplatOperator:
         return None
 
 
-def session_in(context: Any) -> EditSession:
-    """The session of the edited capture. Raises StippleError."""
+def session_in(context: Any, by_hand: bool = False) -> EditSession:
+    """The session of the edited capture; `by_hand` as in `session_of`. Raises StippleError."""
     with busy(context) as progress:
-        return session_of(edited_object(context), device_of(context), progress)
+        return session_of(edited_object(context), device_of(context), progress, by_hand)
 
 
 def device_of(context: Any) -> str:

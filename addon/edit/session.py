@@ -2,25 +2,31 @@
 """What an edit works on: a datablock's splats on the device, read again whenever the datablock is no longer the same.
 
 The datablock is the truth. An operator asks for a session, makes a step of `engine.edit` in it and commits: the arrays
-that changed are written back, and Blender's undo sees an ordinary change of attributes. So undo, redo, scripts, nodes'
-results and reloaded files need no message to get here: the next operator compares checksums. Of a linked capture the
-datablock has a token of the edits (`linked_session`), and the same holds.
+that changed are written back, and Blender's undo sees an ordinary change of attributes. After Blender's undo or redo,
+or when something else has tagged the datablock, the next operator compares checksums. Where they are those after one of
+the session's own steps, it goes there in its history, and so keeps what the datablock does not know: what paint covers.
+Of a linked capture the datablock has a token of the edits (`linked_session`), which is compared each time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import bpy
 import numpy as np
 import numpy.typing as npt
+from bpy.app.handlers import persistent
 
 from ...engine.errors import StippleError
 from ...engine.look import Look
+from ...engine.progress import Progress
 from ...engine.scene import Instance, SplatStates
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from .. import residency
 from ..content_keys import attributes_of, key_after, key_of
+from ..evaluated_copy import evaluated_copy
 from ..kept_for_file import kept_for_file
 from ..linked_capture import is_linked
 from ..point_rows import Rows, check_points_only, replace_points
@@ -34,6 +40,7 @@ from ..splat_data import (
     write_states,
 )
 from .preview import Preview
+from .session_history import SessionHistory
 from .solid import show_points
 
 if TYPE_CHECKING:
@@ -53,22 +60,33 @@ _sessions: dict[int, EditSession] = {}  # by session_uid of the datablock, the o
 class EditSession:
     """A datablock's splats as an `EditableCloud`, and the contents of the datablock that they stand for."""
 
+    in_doubt = False  # whether something else than the session may have changed the datablock
+
     def __init__(self, b_data: Any, name: str, device: wp.Device) -> None:
         from ...engine.edit.editable_cloud import EditableCloud
 
-        cloud, dropped = cloud_from_datablock(b_data, name)
+        b_copy = evaluated_copy(b_data)
+        cloud, dropped = cloud_from_datablock(b_copy, name)
         if cloud is None or dropped:
             raise StippleError(f"{name}: {dropped:,} splats have invalid values; use Clean Up > Delete Invalid first.")
-        self.name, self._key = name, key_of(b_data, name)
-        self.cloud: EditableCloud = EditableCloud.from_cloud(SplatCloud(**arrays_of(cloud), name=name), device)
+        self.name, self._key = name, key_of(b_copy, name)
+        self.cloud: EditableCloud = EditableCloud.from_cloud(replace(cloud, name=name), device)
         self._put_states(states_of(b_data))
         self._written = dict(self.cloud.versions)
         self._snapshot: tuple[dict[str, int], SplatCloud] = (dict(self.cloud.versions), cloud)
+        self._history = SessionHistory(self.cloud, self._key)
 
     def is_of(self, b_data: Any) -> bool:
-        """Whether the datablock still holds these splats; flags that differ are taken over."""
-        key = key_of(b_data, self.name)
-        if key != self._key or self.cloud.splat_count != key[0]:
+        """Whether the datablock holds these splats, or those of a step of this session; takes its flags over.
+
+        Arrays are compared only where there is doubt.
+        """
+        if self.in_doubt:
+            key = key_of(evaluated_copy(b_data), self.name)
+            if key != self._key and not self._history.go_to(key):
+                return False
+            self._key, self._written, self.in_doubt = key, dict(self.cloud.versions), False
+        if self.cloud.splat_count != splat_count_of(b_data):
             return False
         states = states_of(b_data)
         if not np.array_equal(self.states(), np.zeros(1, np.uint32) if states is None else states):
@@ -93,15 +111,19 @@ class EditSession:
             if not done:
                 step.apply(self.cloud)
                 done = True
-            self._write(b_data, sources)
+            if self._write(b_data, sources):
+                self._history.record(step, self._key)
         except BaseException:
             if done:
                 step.revert(self.cloud)
                 self._write_back(b_data)
             raise
+        bpy.context.view_layer.update()  # now: a tag that comes later is not this session's
+        self.in_doubt = False
         return True
 
-    def _write(self, b_data: Any, sources: Rows | None) -> None:
+    def _write(self, b_data: Any, sources: Rows | None) -> bool:
+        """Writes the arrays that changed; whether there are some beside the flags."""
         cloud, now = self.snapshot(), self.cloud.versions
         changed = {name for name in now if now[name] != self._written[name]}
         if sources is not None:
@@ -112,11 +134,13 @@ class EditSession:
         if "state" in changed:
             write_states(b_data, self.states())
         if changed & {"state", "scale", "opacity"}:
-            show_points(b_data, True)
+            show_points(b_data, True, cloud)
         self._written = dict(now)
-        if changed - {"state"}:
-            self._key = key_after(self._key, b_data, self.name, changed)
-            residency.clouds.know(self._key, cloud)
+        if not changed - {"state"}:
+            return False
+        self._key = key_after(self._key, b_data, self.name, changed)
+        residency.clouds.know(self._key, cloud)
+        return True
 
     def _write_back(self, b_data: Any) -> None:
         """After a failed writing, once the step is reverted."""
@@ -146,7 +170,7 @@ class EditSession:
     def check_new_splats(self, what: str) -> None:
         """Raises StippleError where splats cannot be added; asked before anything is done."""
 
-    def separate(self, name: str, progress: Callable[[float, str], None]) -> tuple[SplatCloud, Step]:
+    def separate(self, name: str, progress: Progress) -> tuple[SplatCloud, Step]:
         """The selection as a cloud of its own, and the step that deletes it here. Raises StippleError."""
         from ...engine.edit.duplicate import separate
 
@@ -180,18 +204,19 @@ class EditSession:
             self.cloud.state.assign(states)
 
 
-def arrays_of(cloud: SplatCloud) -> dict[str, Any]:
-    return {name: getattr(cloud, name) for name in ARRAY_NAMES}
-
-
-def session_of(b_object: Any, device: str, progress: Callable[[float, str], None]) -> EditSession:
+def session_of(b_object: Any, device: str, progress: Progress, by_hand: bool = False) -> EditSession:
     """The session of an object's capture, in step with its datablock. Imports Warp; the first one compiles kernels.
+
+    `by_hand`: what has changed the datablock since the last edit has tagged it, as all that users do does. Scripts may
+    write attributes and tag nothing: for them every array is compared.
 
     Raises StippleError for what is no capture, cannot be changed, or does not fit in memory.
     """
     check_editable(b_object)
     b_data = b_object.data
     session = _sessions.pop(b_data.session_uid, None)
+    if session is not None and not by_hand:
+        session.in_doubt = True
     if session is None or not session.is_of(b_data):
         session = None  # before the new one is made: one of them is large enough
         chosen = editing_device(device, progress)
@@ -243,4 +268,33 @@ def free() -> None:
     _sessions.clear()
 
 
-register, unregister = kept_for_file(free)
+@persistent
+def _doubt_all(*_: object) -> None:
+    """After Blender's undo and redo."""
+    for session in _sessions.values():
+        session.in_doubt = True
+
+
+@persistent
+def _doubt_changed(_b_scene: Any, depsgraph: Any = None) -> None:
+    """After each update of a depsgraph: datablocks that have got new geometry."""
+    if _sessions and depsgraph is not None:
+        for b_update in depsgraph.updates:
+            if b_update.is_updated_geometry and (session := _sessions.get(b_update.id.original.session_uid)):
+                session.in_doubt = True
+
+
+_keep, _let_go = kept_for_file(free)
+HANDLERS = (("undo_post", _doubt_all), ("redo_post", _doubt_all), ("depsgraph_update_post", _doubt_changed))
+
+
+def register() -> None:
+    _keep()
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).remove(handler)
+    _let_go()

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ...engine.edit.state_bits import DELETED, HIDDEN, LOCKED, SELECTED
 from ...engine.errors import StippleError
+from ...engine.splats import SplatCloud
 from ..linked_capture import is_linked
 from ..linked_edits import found_edits
 from ..splat_data import BASE, display_radius, read_attribute, splat_count_of, states_of, write_attribute
@@ -46,10 +47,11 @@ def point_states(b_data: Any) -> npt.NDArray[np.uint32] | None:
     return found.edits.states_at(np.arange(count, dtype=np.int64) * step)
 
 
-def show_points(b_data: Any, editing: bool) -> None:
+def show_points(b_data: Any, editing: bool, cloud: SplatCloud | None = None) -> None:
     """Gives the points the radii that Blender is to draw them with; of meshes it draws none.
 
-    Writes nothing where what has no radius is what is not shown.
+    Writes nothing where what has no radius is what is not shown. `cloud` is what the datablock holds, where that is
+    known: what is not read is not copied in Blender's undo.
     """
     if not isinstance(b_data, bpy.types.PointCloud):
         return
@@ -60,7 +62,10 @@ def show_points(b_data: Any, editing: bool) -> None:
     try:
         if np.array_equal(read_attribute(b_data, "radius", name)[:, 0] == 0, left_out):
             return
-        radius = display_radius(read_attribute(b_data, "scale", name), read_attribute(b_data, BASE, name)[:, 3])
+        if cloud is None:
+            radius = display_radius(read_attribute(b_data, "scale", name), read_attribute(b_data, BASE, name)[:, 3])
+        else:
+            radius = display_radius(cloud.scale, cloud.opacity)
     except StippleError:  # broken attributes: what shows the capture says so
         return
     radius[left_out] = 0

@@ -57,7 +57,7 @@ class StrokeOperator:
             return self.execute(context)  # type: ignore[attr-defined]
         with Reported(self):
             check_ready(device_of(context))
-            self._session, self._down, self._changed = session_in(context), False, False
+            self._session, self._down, self._changed = session_in(context, by_hand=True), False, False
             self._mouse = self._last = np.array([event.mouse_region_x, event.mouse_region_y], float)
             self.engine_camera = view_of(context, context.scene).camera()
             self.begin(context, self._session, event)

@@ -217,7 +217,7 @@ def pick_under(context: Any, event: Any) -> Any:
     from ..view_camera import view_of
 
     check_ready(device_of(context))
-    session = session_in(context)
+    session = session_in(context, by_hand=True)
     picker = Picker.of_session(context, session, view_of(context, context.scene).camera())
     found = picker.pick(event.mouse_region_x, event.mouse_region_y)
     return found and replace(found, splat=session.splat_of(found))

@@ -92,7 +92,7 @@ class STIPPLE_OT_select_color(MatchOperator, bpy.types.Operator):
             found = pick_under(context, event)
             if found is None:
                 raise StippleError("Select by Color: there is no splat under the cursor.")
-            self.color = np.clip(base_colours(session_in(context))[found.splat], 0, 1)
+            self.color = np.clip(base_colours(session_in(context, by_hand=True))[found.splat], 0, 1)
             return self.execute(context)
         return {"CANCELLED"}
 

@@ -17,7 +17,7 @@ from stipple.addon.edit.operator import SplatOperator
 from stipple.engine.edit.state import SELECTED
 
 from .captures import add_camera, add_capture, random_cloud
-from .editing import activate, edited, every_byte, flags, refused
+from .editing import activate, edited, every_byte, flags, positions, refused
 
 pytestmark = pytest.mark.blender
 
@@ -229,3 +229,35 @@ def test_in_object_and_by_size() -> None:
     assert np.array_equal(flags(b_object, SELECTED), (longest >= np.float32(0.05)) & (longest <= np.float32(0.1)))
     with refused("Nowhere"):
         bpy.ops.stipple.select_in_object(object="Nowhere")
+
+
+def test_by_hand_what_was_undone_or_tagged_meanwhile_is_seen() -> None:
+    """Operators that users invoke compare arrays only after an undo or a tag, and then they must."""
+    b_object = edited(random_cloud(300))
+    ops = bpy.ops.stipple
+    ops.select_all("INVOKE_DEFAULT", action="SELECT")
+    bpy.ops.ed.undo_push(message="Selected")
+    before = positions(b_object)
+    ops.mirror("INVOKE_DEFAULT", axis="X")
+    bpy.ops.ed.undo_push(message="Mirrored")
+    mirrored = positions(b_object)
+    assert not np.array_equal(before, mirrored)
+    bpy.ops.ed.undo()
+    b_object = bpy.context.object
+    ops.mirror("INVOKE_DEFAULT", axis="X")
+    assert np.array_equal(positions(b_object), mirrored)
+    b_object.data.attributes["position"].data.foreach_set("vector", (before + np.float32(0.5)).ravel())
+    b_object.data.update_tag()
+    bpy.context.view_layer.update()
+    ops.mirror("INVOKE_DEFAULT", axis="X")
+    np.testing.assert_allclose(positions(b_object)[:, 1:], before[:, 1:] + 0.5, atol=1e-5)
+
+
+def test_an_operator_from_a_script_sees_what_the_script_wrote_and_did_not_tag() -> None:
+    b_object = edited(random_cloud(300))
+    ops = bpy.ops.stipple
+    ops.select_all(action="SELECT")
+    before = positions(b_object)
+    b_object.data.attributes["position"].data.foreach_set("vector", (before + np.float32(0.5)).ravel())
+    ops.mirror(axis="X")
+    np.testing.assert_allclose(positions(b_object)[:, 1:], before[:, 1:] + 0.5, atol=1e-5)

@@ -183,6 +183,54 @@ def test_random_edits_undo_redo_and_equal_a_replay(seed: int) -> None:
     assert everything() == states[-1]
 
 
+def act_on_one(seed: int) -> bool:
+    """An edit of the splats of one capture, often a stroke; sessions stay, with what they know is under the paint."""
+    rng = np.random.default_rng(seed)
+    found = selections(rng) | changes(rng)
+    stroke = [{"name": "", "location": point(rng), "radius": 0.8}]
+    strokes = {
+        "paint": found["paint"],
+        "fade": found["fade"],
+        "erase": lambda: bpy.ops.stipple.paint(stroke=stroke, mode="ERASE"),
+        "darken": lambda: bpy.ops.stipple.paint(stroke=stroke, mode="DARKEN", strength=0.5),
+    }
+    chosen = strokes if rng.uniform() < 0.6 else found
+    try:
+        return bool(chosen[str(rng.choice(list(chosen)))]() == {"FINISHED"})
+    except RuntimeError:
+        return False
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_strokes_build_on_what_is_under_the_paint_after_undo(seed: int) -> None:
+    """Erasing and painting over after undo and redo give the bits of a session in which nothing was undone."""
+    rng = np.random.default_rng(seed)
+    begin()
+    bpy.context.preferences.edit.undo_steps = 64
+    done: list[int] = []
+    at = 0
+    for number in range(60):
+        choice = rng.uniform()
+        if choice < 0.25 and at > 0:
+            bpy.ops.ed.undo()
+            at -= 1
+        elif choice < 0.35 and at < len(done):
+            bpy.ops.ed.redo()
+            at += 1
+        elif act_on_one(1000 * seed + number):
+            bpy.ops.ed.undo_push(message="Step")
+            done[at:] = [1000 * seed + number]
+            at += 1
+    for _ in range(at, len(done)):
+        bpy.ops.ed.redo()
+    expected = everything()
+    assert len(done) > 10
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    begin()
+    assert all([act_on_one(one) for one in done])
+    assert everything() == expected
+
+
 def test_a_saved_file_holds_what_the_edits_left(tmp_path: Path) -> None:
     begin()
     for number in range(30):

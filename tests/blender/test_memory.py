@@ -23,6 +23,7 @@ from stipple.engine.buffers import Buffers
 from stipple.engine.splats import SplatCloud
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
+from .fresh_process import fresh_python
 from .numbered import import_sequence, write_numbered
 from .test_viewport import aim, wait_for
 from .worlds import add_environment, new_image, smooth_sky
@@ -131,3 +132,35 @@ def test_memory_is_flat_after_the_third_of_a_hundred_frames(root: Path, tmp_path
     # A frame is 3.5 MiB of pixels, a file of a sequence 7 MiB: kept once in ten frames, either would show.
     assert memory[3:].max() - memory[3] < 16 * MIB
     assert np.median(memory[-20:]) - np.median(memory[3:23]) < 4 * MIB
+
+
+STEPS = """
+import json, sys
+import bpy
+import stipple
+stipple.register()
+bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+from tests.blender.captures import add_capture, random_cloud
+from tests.blender.test_memory import resident
+b_object = add_capture(random_cloud(200_000, 3))
+bpy.context.view_layer.objects.active = b_object
+bpy.ops.stipple.edit_mode_toggle()
+bpy.context.preferences.edit.undo_steps = 64
+bpy.context.scene.stipple.device = "CPU"
+bpy.ops.ed.undo_push(message="Start")  # in the background nothing is kept before
+ops, sizes = bpy.ops.stipple, []
+for step in range(12):
+    ops.select_sphere("EXEC_DEFAULT", True, center=(0, 0, 0), radius=0.1 + 0.05 * step)
+    (ops.reveal if step % 2 else ops.hide)("EXEC_DEFAULT", True)
+    sizes.append(resident())
+bpy.ops.ed.undo()
+print(json.dumps(sizes))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
+def test_an_undo_step_does_not_keep_the_capture(root: Path) -> None:
+    """Blender's steps share what no step has changed: flags and radii are 8 bytes of a splat's 240."""
+    printed = fresh_python(root, STEPS, MALLOC_MMAP_THRESHOLD_=str(MIB // 4))
+    sizes = json.loads(printed.splitlines()[-1])
+    assert sizes[-1] - sizes[1] < 10 * 2 * 2.5 * MIB  # kept once more in every step, they would be 900 MiB
