@@ -10,13 +10,15 @@ wrong is said in the console and in the panel *Linked Capture*.
 from __future__ import annotations
 
 import logging
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
 
+from ..engine.edit.capture_edits import CaptureEdits
 from ..engine.edit.edits_file import SUFFIX, write_edits
 from ..engine.errors import StippleError
 from ..engine.formats.atomic_file import replacing
@@ -30,19 +32,31 @@ log = logging.getLogger(__package__)
 
 
 def write_beside(blend: Path) -> None:
-    """Writes the edits of every linked capture for a .blend that is about to be saved there."""
+    """Writes the edits of every linked capture for a .blend that is about to be saved there.
+
+    All are read first: where datablocks changed names, one's file may be about to become another's.
+    """
     problems.clear()
     taken: set[str] = set()
+    to_write: list[tuple[Any, Path, CaptureEdits | bytes]] = []
     for b_data in linked_data():
         if b_data.library is None and has_edits(b_data):
             target = blend.with_name(_free_name(f"{blend.stem}.{bpy.path.clean_name(b_data.name)}", taken))
-            try:
-                _write(b_data, target)
-            except StippleError as error:
-                problems[b_data.session_uid] = str(error)
-                log.error("The edits of %s were not saved: %s", b_data.name, error)
-            else:
-                b_data.stipple_capture.edits_file = target.name
+            with _noting_problem(b_data):
+                to_write.append((b_data, target, _read(b_data)))
+    for b_data, target, content in to_write:
+        with _noting_problem(b_data):
+            _write(b_data, target, content)
+            b_data.stipple_capture.edits_file = target.name
+
+
+@contextmanager
+def _noting_problem(b_data: Any) -> Iterator[None]:
+    try:
+        yield
+    except StippleError as error:
+        problems[b_data.session_uid] = str(error)
+        log.error("The edits of %s were not saved: %s", b_data.name, error)
 
 
 def _free_name(stem: str, taken: set[str]) -> str:
@@ -55,34 +69,43 @@ def _free_name(stem: str, taken: set[str]) -> str:
     return name
 
 
-def _write(b_data: Any, target: Path) -> None:
-    before = edits_path(b_data)
+def _read(b_data: Any) -> CaptureEdits | bytes:
+    """The edits of a datablock that has some; of those that cannot be read, their file as it is."""
     try:
         found = found_edits(b_data, b_data.name)
     except StippleError:
-        if before is None or not before.is_file():
+        path = edits_path(b_data)
+        if path is None or not path.is_file():
             raise
-        if before != target:
-            _copy(before, target)
+        return _bytes_of(path)
+    assert found is not None
+    return found.edits
+
+
+def _write(b_data: Any, target: Path, content: CaptureEdits | bytes) -> None:
+    if isinstance(content, bytes):
+        if not target.is_file() or _bytes_of(target) != content:
+            _put_bytes(target, content)
         return
-    if found is None:
-        return
-    b_data.stipple_capture.edits = found.edits.token  # another one where the file had been changed
-    if holds(target, found.edits.token):
+    b_data.stipple_capture.edits = content.token  # another one where the file had been changed
+    if holds(target, content.token):
         return
     if target.is_file() and bpy.context.preferences.filepaths.save_version:
         with suppress(StippleError):  # a backup that cannot be had is no reason not to save
-            _copy(target, target.with_name(target.name + BACKUP))
+            _put_bytes(target.with_name(target.name + BACKUP), _bytes_of(target))
     path = path_of(b_data)
-    write_edits(target, found.edits, path.name if path else b_data.name, b_data.stipple_capture.sh_degree)
-    note_file(target, found.edits)
+    write_edits(target, content, path.name if path else b_data.name, b_data.stipple_capture.sh_degree)
+    note_file(target, content)
 
 
-def _copy(source: Path, target: Path) -> None:
+def _bytes_of(path: Path) -> bytes:
     try:
-        data = source.read_bytes()
+        return path.read_bytes()
     except OSError as error:
-        raise StippleError(f"{source}: it cannot be read ({error.strerror}).") from error
+        raise StippleError(f"{path}: it cannot be read ({error.strerror}).") from error
+
+
+def _put_bytes(target: Path, data: bytes) -> None:
     with replacing(target) as file:
         file.write(data)
 

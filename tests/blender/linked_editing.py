@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from stipple.addon.linked_edits import found_edits
 from stipple.engine.formats import read_splats
 
+from .captures import add_camera, use_stipple
 from .editing import activate
 from .linked import link
 
@@ -49,3 +51,33 @@ def edit_everything() -> None:
     bpy.ops.stipple.paint(stroke=[dab | {"location": (-0.3, 0.5, 0)}], mode="OPACITY", opacity=0.2)
     bpy.ops.stipple.select_sphere(center=(1, 0, 1), radius=0.8)
     bpy.ops.stipple.delete()
+
+
+def edited_scene(path: Path) -> Any:
+    """A linked capture with edits of every kind but opacities, in a scene to be rendered."""
+    b_object = link(path)
+    activate(b_object)
+    add_camera()
+    use_stipple()
+    bpy.ops.stipple.edit_mode_toggle()
+    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1)
+    bpy.ops.stipple.rotate(value=0.5)
+    bpy.ops.stipple.paint(stroke=[{"name": "", "location": (0, 0, 0), "radius": 0.8}], color=(0.9, 0.1, 0.1))
+    bpy.ops.stipple.select_sphere(center=(1, 0, 0), radius=0.9)
+    bpy.ops.stipple.delete()
+    return b_object
+
+
+def load(path: Path) -> Any:
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return bpy.data.objects.get("garden")
+
+
+def edits_files(folder: Path) -> list[str]:
+    return sorted(name for name in os.listdir(folder) if "edits" in name)
+
+
+def damage(file: Path) -> None:
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    file.write_bytes(data)

@@ -17,10 +17,11 @@ from stipple.addon.capture_panel import edits_state_of
 from stipple.addon.linked_edits import found_edits
 from stipple.engine.edit.edits_file import read_edits
 
-from .captures import add_camera, in_viewport, pixels_of, random_cloud, render, use_stipple, write_ply
+from .captures import in_viewport, pixels_of, random_cloud, render, write_ply
 from .editing import activate, refused
 from .fresh_process import fresh_python
-from .linked import link, save, synced
+from .linked import save, synced
+from .linked_editing import damage, edited_scene, edits_files, load
 
 pytestmark = pytest.mark.blender
 
@@ -35,26 +36,7 @@ def path(tmp_path: Path) -> Path:
 @pytest.fixture
 def b_object(path: Path) -> Any:
     """A linked capture with edits of every kind, in a scene to be rendered."""
-    b_object = link(path)
-    activate(b_object)
-    add_camera()
-    use_stipple()
-    bpy.ops.stipple.edit_mode_toggle()
-    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1)
-    bpy.ops.stipple.rotate(value=0.5)
-    bpy.ops.stipple.paint(stroke=[{"name": "", "location": (0, 0, 0), "radius": 0.8}], color=(0.9, 0.1, 0.1))
-    bpy.ops.stipple.select_sphere(center=(1, 0, 0), radius=0.9)
-    bpy.ops.stipple.delete()
-    return b_object
-
-
-def load(path: Path) -> Any:
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    return bpy.data.objects.get("garden")
-
-
-def edits_files(folder: Path) -> list[str]:
-    return sorted(name for name in os.listdir(folder) if "edits" in name)
+    return edited_scene(path)
 
 
 def test_saved_and_loaded_they_render_the_same(b_object: Any, tmp_path: Path) -> None:
@@ -139,10 +121,34 @@ def test_two_objects_of_one_file_have_their_own(b_object: Any, path: Path, tmp_p
     assert len(tokens) == 2
 
 
-def damage(file: Path) -> None:
-    data = bytearray(file.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    file.write_bytes(data)
+@pytest.mark.parametrize("what", ["readable", "damaged"])
+def test_datablocks_that_change_names_keep_their_own(b_object: Any, tmp_path: Path, what: str) -> None:
+    """In a session that has not looked at the edits yet, and writes each to where the other's are."""
+    b_second = b_object.copy()
+    b_second.data = b_object.data.copy()
+    bpy.context.scene.collection.objects.link(b_second)
+    activate(b_second)
+    bpy.ops.stipple.restore()
+    bpy.context.preferences.filepaths.save_version = 0
+    try:
+        save(tmp_path / "shot.blend")
+        files = [tmp_path / f"shot.{name}.edits.npz" for name in ("garden", "garden_001")]
+        if what == "damaged":
+            damage(files[0])
+        before = [file.read_bytes() for file in files]
+        b_first = load(tmp_path / "shot.blend").data
+        b_second = next(b_data for b_data in linked_edits.linked_data() if b_data != b_first)
+        names = b_first.name, b_second.name
+        b_first.name = "other"
+        b_second.name, b_first.name = names
+        save(tmp_path / "shot.blend")
+    finally:
+        bpy.context.preferences.filepaths.save_version = 1
+    if what == "damaged":
+        assert files[1].read_bytes() == before[0]
+        assert read_edits(files[0]).counts["deleted"] == 0
+    else:
+        assert [read_edits(file).counts["deleted"] > 0 for file in files] == [False, True]
 
 
 @pytest.mark.parametrize("what", ["damaged", "missing"])
@@ -237,22 +243,6 @@ def test_edits_that_cannot_be_written_are_reported_and_stay_in_memory(
     (tmp_path / "shot.garden.edits.npz").rmdir()
     save(tmp_path / "shot.blend")
     assert not edits_beside_blend.problems and edits_files(tmp_path) == ["shot.garden.edits.npz"]
-
-
-def test_data_linked_from_another_blend_shows_its_edits(b_object: Any, tmp_path: Path) -> None:
-    before = render(tmp_path / "before.exr")
-    (tmp_path / "library").mkdir()
-    save(tmp_path / "library" / "library.blend")
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    with bpy.data.libraries.load(str(tmp_path / "library" / "library.blend"), link=True) as (_, wanted):
-        wanted.objects = ["garden"]
-    b_object = wanted.objects[0]
-    bpy.context.scene.collection.objects.link(b_object)
-    add_camera()
-    use_stipple()
-    assert np.array_equal(render(tmp_path / "after.exr"), before)
-    save(tmp_path / "shot.blend")
-    assert edits_files(tmp_path) == []
 
 
 PROGRAM = """
