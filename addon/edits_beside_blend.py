@@ -22,6 +22,7 @@ from ..engine.edit.capture_edits import CaptureEdits
 from ..engine.edit.edits_file import SUFFIX, write_edits
 from ..engine.errors import StippleError
 from ..engine.formats.atomic_file import replacing
+from .file_names import free_name
 from .linked_capture import path_of
 from .linked_edits import BACKUP, edits_path, found_edits, has_edits, holds, linked_data, note_file
 
@@ -41,7 +42,7 @@ def write_beside(blend: Path) -> None:
     to_write: list[tuple[Any, Path, CaptureEdits | bytes]] = []
     for b_data in linked_data():
         if b_data.library is None and has_edits(b_data):
-            target = blend.with_name(_free_name(f"{blend.stem}.{bpy.path.clean_name(b_data.name)}", taken))
+            target = blend.with_name(free_name(f"{blend.stem}.", b_data.name, SUFFIX, taken))
             with _noting_problem(b_data):
                 to_write.append((b_data, target, _read(b_data)))
     for b_data, target, content in to_write:
@@ -57,16 +58,6 @@ def _noting_problem(b_data: Any) -> Iterator[None]:
     except StippleError as error:
         problems[b_data.session_uid] = str(error)
         log.error("The edits of %s were not saved: %s", b_data.name, error)
-
-
-def _free_name(stem: str, taken: set[str]) -> str:
-    """Two datablocks may have one name once it is a file's; disks may not tell large letters from small ones."""
-    name, number = f"{stem}{SUFFIX}", 0
-    while name.lower() in taken:
-        number += 1
-        name = f"{stem}.{number:03d}{SUFFIX}"
-    taken.add(name.lower())
-    return name
 
 
 def _read(b_data: Any) -> CaptureEdits | bytes:

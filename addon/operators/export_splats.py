@@ -15,6 +15,7 @@ from ...engine.edit.state_bits import DELETED, NOT_SELECTABLE, SELECTED
 from ...engine.errors import StippleError
 from ...engine.splats import ARRAY_NAMES, SplatCloud
 from ..edit.mode import Reported
+from ..file_names import free_name
 from ..linked_capture import is_linked
 from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, states_of, usable_rows
 
@@ -95,21 +96,27 @@ class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
         return transform_cloud(cloud, matrix)
 
     def _write(self, found: list[tuple[Any, SplatCloud]]) -> int:
-        from ...engine.edit.duplicate import merge_clouds
         from ...engine.formats import write_splats
+        from ...engine.formats.atomic_file import replacing_together
 
-        path = Path(bpy.path.abspath(self.filepath))
-        targets = [(path, found[0][1])]
-        if self.per_object and len(found) > 1:
-            targets = [
-                (path.with_stem(f"{path.stem}_{bpy.path.clean_name(b_object.name)}"), cloud)
+        targets = self._targets(Path(bpy.path.abspath(self.filepath)), found)
+        with replacing_together() as place:
+            for target, cloud in targets:
+                write_splats(target, cloud, place)
+        return sum(cloud.splat_count for _, cloud in targets)
+
+    def _targets(self, path: Path, found: list[tuple[Any, SplatCloud]]) -> list[tuple[Path, SplatCloud]]:
+        """Every file, and what is written to it."""
+        from ...engine.edit.duplicate import merge_clouds
+
+        if self.per_object:
+            taken: set[str] = set()
+            return [
+                (path.with_name(free_name(f"{path.stem}_", b_object.name, path.suffix, taken)), cloud)
                 for b_object, cloud in found
             ]
-        elif len(found) > 1:
-            targets = [(path, merge_clouds([cloud for _, cloud in found], path.stem))]
-        for target, cloud in targets:
-            write_splats(target, cloud)
-        return sum(cloud.splat_count for _, cloud in targets)
+        clouds = [cloud for _, cloud in found]
+        return [(path, clouds[0] if len(clouds) == 1 else merge_clouds(clouds, path.stem))]
 
 
 def _draw_menu_entry(self: Any, context: Any) -> None:

@@ -6,7 +6,7 @@
 | `.ply` | `ply_read` (`ply_header`, `ply_layout`, `ply_rows`, `ply_convert`) | `ply_write` |
 
 What the formats share: `splat_source` (an opened capture, read in chunks), `source_file` (opening), `atomic_file`
-(replacing a file in one step), `splat_format` (what a format is). Importing this package imports neither plyfile,
+(replacing files in one step), `splat_format` (what a format is). Importing this package imports neither plyfile,
 Warp nor Blender.
 """
 
@@ -18,6 +18,7 @@ from pathlib import Path
 from ..errors import StippleError
 from ..progress import Progress
 from ..splats import SplatChunk, SplatCloud
+from .atomic_file import Place, replacing
 from .ply_read import open_ply, starts_like_ply
 from .ply_write import write_ply
 from .source_file import open_source
@@ -62,23 +63,28 @@ def read_splats(path: AnyPath, progress: Progress | None = None) -> LoadedSplats
     return open_splats(path).read(progress)
 
 
-def write_splats(path: AnyPath, cloud: SplatCloud) -> None:
+def write_splats(path: AnyPath, cloud: SplatCloud, place: Place = replacing) -> None:
     """Writes a capture in the format of `path`'s suffix, replacing a file that is there in one step.
 
+    Within `atomic_file.replacing_together` the `place` that it gives puts the file off until all are written.
     Raises StippleError for an unknown suffix and where the file cannot be written; nothing half-written stays.
     """
-    write_splat_chunks(path, [cloud], cloud.splat_count, cloud.sh_degree)
+    write_splat_chunks(path, [cloud], cloud.splat_count, cloud.sh_degree, place)
 
 
 def write_splat_chunks(
-    path: AnyPath, chunks: Iterable[SplatCloud | SplatChunk], splat_count: int, sh_degree: int
+    path: AnyPath,
+    chunks: Iterable[SplatCloud | SplatChunk],
+    splat_count: int,
+    sh_degree: int,
+    place: Place = replacing,
 ) -> None:
     """As `write_splats`, of a capture that comes in chunks of one SH degree, `splat_count` splats in all.
 
     Lets through what the chunks raise.
     """
     path = Path(path)
-    _format_of_suffix(path, "written").write(path, chunks, splat_count, sh_degree)
+    _format_of_suffix(path, "written").write(path, chunks, splat_count, sh_degree, place)
 
 
 def _format_of_suffix(path: Path, done: str) -> SplatFormat:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..errors import StippleError
 from ..splats import SH_REST_COUNT, FloatArray, SplatChunk, SplatCloud
-from .atomic_file import replacing
+from .atomic_file import Place, replacing
 from .ply_layout import file_order, properties_of_arrays
 from .splat_format import AnyPath
 
@@ -23,12 +23,19 @@ OPACITY_LOGIT_MAX = 20.0
 SCALE_MIN = float(np.finfo(np.float32).tiny)
 
 
-def write_ply(path: AnyPath, chunks: Iterable[SplatCloud | SplatChunk], splat_count: int, sh_degree: int) -> None:
+def write_ply(
+    path: AnyPath,
+    chunks: Iterable[SplatCloud | SplatChunk],
+    splat_count: int,
+    sh_degree: int,
+    place: Place = replacing,
+) -> None:
     """Writes chunks of splats as binary little-endian float32 with the properties of INRIA's trainer, normals zero.
 
     Scales become logarithms, at least log(1.2e-38); opacities become logits within ±20, so that reading them again
     differs by less than 1e-6; SH coefficients and rotations are written as they are. Values are not checked: a cloud
-    from a reader has only finite ones. The file is replaced in one step; peak memory is a few MiB besides the chunks.
+    from a reader has only finite ones. The file is replaced as `place` does it; peak memory is a few MiB besides the
+    chunks.
 
     Raises StippleError where the file cannot be written or the chunks hold another number of splats, and lets through
     what the chunks raise; nothing is replaced then.
@@ -40,7 +47,7 @@ def write_ply(path: AnyPath, chunks: Iterable[SplatCloud | SplatChunk], splat_co
     }
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {splat_count}"]
     header += [f"property float {name}" for name in order] + ["end_header", ""]
-    with replacing(Path(path)) as file:
+    with place(Path(path)) as file:
         file.write("\n".join(header).encode("ascii"))
         written = 0
         for chunk in chunks:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..splats import SplatChunk, SplatCloud
+from .atomic_file import Place
 
 if TYPE_CHECKING:
     from .splat_source import SplatSource
@@ -37,12 +38,12 @@ class SplatFormat:
 
     - `name`: as the user knows it; `suffixes`: lower case, with the dot.
     - `recognises`: whether a file that begins with these bytes is of this format.
-    - `open`, `write`: raise StippleError; `open` reads the header, `write` replaces the file in one step with
-      chunks of so many splats of an SH degree in all.
+    - `open`, `write`: raise StippleError; `open` reads the header, `write` replaces the file, by `replacing` or what
+      stands in for it, with chunks of so many splats of an SH degree in all.
     """
 
     name: str
     suffixes: tuple[str, ...]
     recognises: Callable[[bytes], bool]
     open: Callable[[Path], SplatSource]
-    write: Callable[[Path, Iterable[SplatCloud | SplatChunk], int, int], None]
+    write: Callable[[Path, Iterable[SplatCloud | SplatChunk], int, int, Place], None]

@@ -19,6 +19,7 @@ from .captures import add_camera, add_capture, random_cloud, render, use_stipple
 from .editing import activate, assert_close, cloud_of, edited, flags, part, refused
 
 pytestmark = pytest.mark.blender
+NAMED = {10: "Koala.001", 20: "Koala_001", 30: "koala", 40: "Koala"}  # by splat count
 PLACED = Matrix.LocRotScale((1, 2, -3), Euler((0.3, -0.5, 1.1)), (1.5, 1.5, 1.5))
 
 
@@ -63,6 +64,32 @@ def test_export_of_several_objects(tmp_path: Path) -> None:
     bpy.ops.export_scene.splats(filepath=str(tmp_path / "each.ply"), per_object=True)
     assert_close(read_splats(tmp_path / "each_Two.ply").cloud, cloud_of(b_two))
     assert_close(read_splats(tmp_path / "each_One.ply").cloud, cloud_of(b_one))
+
+
+def test_files_per_object_have_names_of_their_own(tmp_path: Path) -> None:
+    """Names that are one as a file's, and one object alone."""
+    b_objects = [add_capture(random_cloud(count, seed=count), name) for count, name in NAMED.items()]
+    for b_object in b_objects:
+        b_object.select_set(True)
+    bpy.ops.export_scene.splats(filepath=str(tmp_path / "out.ply"), per_object=True)
+    found = {path.name: read_splats(path).cloud.splat_count for path in tmp_path.iterdir()}
+    assert len({name.lower() for name in found}) == 4 and sorted(found.values()) == sorted(NAMED)
+    assert {"out_Koala_001.ply", "out_Koala_001.001.ply"} < set(found)
+    activate(b_objects[0])
+    bpy.ops.export_scene.splats(filepath=str(tmp_path / "one.ply"), per_object=True)
+    assert read_splats(tmp_path / "one_Koala_001.ply").cloud.splat_count == 10
+    assert not (tmp_path / "one.ply").exists()
+
+
+def test_no_file_is_replaced_where_one_of_them_cannot_be_written(tmp_path: Path) -> None:
+    for name in ("A", "B"):
+        add_capture(random_cloud(), name).select_set(True)
+    (tmp_path / "out_A.ply").write_bytes(b"old")
+    (tmp_path / "out_B.ply").mkdir()
+    with refused("out_B.ply", "folder"):
+        bpy.ops.export_scene.splats(filepath=str(tmp_path / "out.ply"), per_object=True)
+    assert (tmp_path / "out_A.ply").read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out_A.ply", "out_B.ply"]
 
 
 def test_export_says_what_is_wrong_and_writes_nothing(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from stipple.engine.errors import StippleError
 from stipple.engine.formats import read_splats, write_splats
-from stipple.engine.formats.atomic_file import replacing
+from stipple.engine.formats.atomic_file import replacing, replacing_together
 from stipple.engine.splats import ARRAY_NAMES, SplatCloud
 from tests.engine.test_ply_files import REST_COUNTS, splat_properties
 
@@ -95,6 +95,24 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path: Path, error: type[Ba
         raise error
     assert [entry.name for entry in tmp_path.iterdir()] == ["out.ply"]
     assert path.read_bytes() == b"old"
+
+
+def test_several_files_take_their_places_together(tmp_path: Path) -> None:
+    one, two = tmp_path / "one.ply", tmp_path / "two.ply"
+    one.write_bytes(b"old")
+    with replacing_together() as place:
+        write_splats(one, random_cloud(3, 0), place)
+        write_splats(two, random_cloud(4, 0), place)
+        assert one.read_bytes() == b"old" and not two.exists()
+    assert [read_splats(path).cloud.splat_count for path in (one, two)] == [3, 4]
+    two.unlink()
+    two.mkdir()
+    before = one.read_bytes()
+    with pytest.raises(StippleError, match="this is a folder"), replacing_together() as place:
+        write_splats(one, random_cloud(5, 0), place)
+        write_splats(two, random_cloud(6, 0), place)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one.ply", "two.ply"]
+    assert one.read_bytes() == before
 
 
 def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
