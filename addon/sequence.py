@@ -15,7 +15,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from ..engine.formats.sequence import NumberedFiles, Playback
+from ..engine.formats import LoadedSplats, read_splats
+from ..engine.formats.sequence import NumberedFiles, Playback, find_numbered
 from ..engine.splats import SplatCloud
 from .sequence_cache import SequenceClouds
 from .sequence_paths import path_of
@@ -161,6 +162,16 @@ class SequencePlayer:
 def plays(b_object: Any) -> bool:
     """Whether an object shows a sequence instead of its datablock."""
     return bool(b_object.stipple_sequence.enabled)
+
+
+def splats_at(b_object: Any, frame: float) -> LoadedSplats | None:
+    """What the file holds that an object with a sequence shows at a frame, read for this; None where it shows nothing.
+
+    Raises StippleError where there is no sequence or the file cannot be read.
+    """
+    files = find_numbered(path_of(b_object))
+    place = playback_of(b_object).place(frame, files.length)
+    return None if place is None else read_splats(files.at(place)[1])
 
 
 def playback_of(b_object: Any) -> Playback:

@@ -18,6 +18,7 @@ from ..edit.pairs import PairsOperator
 from ..edit.session import check_editable, session_of
 from ..linked_capture import is_linked
 from ..point_rows import check_points_only
+from ..sequence import plays
 from ..splat_data import cloud_from_datablock, datablock_from_cloud, is_capture_object
 
 
@@ -94,6 +95,8 @@ class STIPPLE_OT_join(bpy.types.Operator):
         for b_object in [b_active, *b_others]:
             if not is_capture_object(b_object):
                 raise StippleError(f"{b_object.name}: this is no capture; select captures only to join them.")
+            if plays(b_object):
+                raise StippleError(f"{b_object.name}: it plays a sequence of files; turn the sequence off to join it.")
             if is_linked(b_object.data):
                 raise StippleError(f"{b_object.name}: its splats stay in their file; import the file to join it.")
         check_editable(b_active)

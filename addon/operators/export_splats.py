@@ -17,6 +17,7 @@ from ...engine.splats import ARRAY_NAMES, SplatCloud
 from ..edit.mode import Reported
 from ..file_names import free_name
 from ..linked_capture import is_linked
+from ..sequence import plays, splats_at
 from ..splat_data import POINT_TYPES, cloud_from_datablock, is_capture, states_of, usable_rows
 
 CONTENTS = (
@@ -48,7 +49,7 @@ class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
     def execute(self, context: Any) -> set[str]:
         """Writes nothing unless everything can be written."""
         with Reported(self):
-            clouds = [(b_object, self._cloud_of(b_object)) for b_object in self._objects(context)]
+            clouds = [(b_object, self._cloud_of(b_object, context)) for b_object in self._objects(context)]
             found = [(b_object, cloud) for b_object, cloud in clouds if cloud is not None]
             if not found:
                 raise StippleError("Export: there is no capture with such splats; select one and try again.")
@@ -65,35 +66,48 @@ class EXPORT_SCENE_OT_splats(bpy.types.Operator, ExportHelper):
             if b_object.type in POINT_TYPES and is_capture(b_object.data) and b_object.visible_get()
         ]
 
-    def _cloud_of(self, b_object: Any) -> SplatCloud | None:
+    def _cloud_of(self, b_object: Any, context: Any) -> SplatCloud | None:
         """What is written of an object; None where that is nothing. Raises StippleError for broken attributes."""
+        cloud, dropped = self._at_frame(b_object, context) if plays(b_object) else self._of_data(b_object)
+        if dropped:
+            self.report({"WARNING"}, f"{b_object.name}: {dropped:,} splats have invalid values and are left out.")
+        matrix = np.array(b_object.matrix_world, np.float64)[:3]
+        if cloud is None or not self.apply_transform or np.array_equal(matrix, np.eye(3, 4)):
+            return cloud
+        from ...engine.edit.transform import transform_cloud
+
+        return transform_cloud(cloud, matrix)
+
+    def _at_frame(self, b_object: Any, context: Any) -> tuple[SplatCloud | None, int]:
+        """What an object with a sequence shows now, and the splats left out; no splat of a file is selected."""
+        if self.content == "SPLATS":
+            return None, 0
+        b_evaluated = b_object.evaluated_get(context.evaluated_depsgraph_get())  # drivers may say which file it is
+        loaded = splats_at(b_evaluated, context.scene.frame_current_final)
+        return (None, 0) if loaded is None else (loaded.cloud, loaded.dropped)
+
+    def _of_data(self, b_object: Any) -> tuple[SplatCloud | None, int]:
+        """What is written of an object's datablock, and the splats left out."""
         if is_linked(b_object.data):
             raise StippleError(
                 f"{b_object.name}: its splats stay in their file; use Linked Capture > Apply to Copy to write them."
             )
         cloud, dropped = cloud_from_datablock(b_object.data, b_object.name)
-        if cloud is None:
-            return None
         states = states_of(b_object.data)
-        if states is not None and dropped:
-            states = states[usable_rows(b_object.data, b_object.name)]
+        if cloud is None:
+            return None, dropped
         if states is None:
             states = np.zeros(cloud.splat_count, np.uint32)
+        elif dropped:
+            states = states[usable_rows(b_object.data, b_object.name)]
         kept = (states & DELETED) == 0
         if self.content == "SPLATS":
             kept &= (states & (SELECTED | NOT_SELECTABLE)) == SELECTED  # what hides or locks keeps the selection's bit
-        if dropped:
-            self.report({"WARNING"}, f"{b_object.name}: {dropped:,} splats have invalid values and are left out.")
         if not kept.any():
-            return None
+            return None, dropped
         if not kept.all():
             cloud = SplatCloud(**{name: getattr(cloud, name)[kept] for name in ARRAY_NAMES}, name=b_object.name)
-        matrix = np.array(b_object.matrix_world, np.float64)[:3]
-        if not self.apply_transform or np.array_equal(matrix, np.eye(3, 4)):
-            return cloud
-        from ...engine.edit.transform import transform_cloud
-
-        return transform_cloud(cloud, matrix)
+        return cloud, dropped
 
     def _write(self, found: list[tuple[Any, SplatCloud]]) -> int:
         from ...engine.formats import write_splats

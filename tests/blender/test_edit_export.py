@@ -17,6 +17,7 @@ from stipple.engine.formats import read_splats
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
 from .editing import activate, assert_close, cloud_of, edited, flags, part, refused
+from .numbered import import_sequence, write_numbered
 
 pytestmark = pytest.mark.blender
 NAMED = {10: "Koala.001", 20: "Koala_001", 30: "koala", 40: "Koala"}  # by splat count
@@ -90,6 +91,26 @@ def test_no_file_is_replaced_where_one_of_them_cannot_be_written(tmp_path: Path)
         bpy.ops.export_scene.splats(filepath=str(tmp_path / "out.ply"), per_object=True)
     assert (tmp_path / "out_A.ply").read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out_A.ply", "out_B.ply"]
+
+
+def test_a_sequence_is_exported_as_it_is_shown_and_not_joined(tmp_path: Path) -> None:
+    b_object = import_sequence(write_numbered(tmp_path))
+    bpy.context.scene.frame_set(3)
+    path = tmp_path / "shown.ply"
+    bpy.ops.export_scene.splats(filepath=str(path))
+    assert_close(read_splats(path).cloud, read_splats(tmp_path / "walk" / "walk.0003.ply").cloud)
+    b_object.stipple_sequence.loop = "CLIP"
+    bpy.context.scene.frame_set(30)
+    for content in ("SELECTED", "SPLATS"):
+        with refused("no capture with such splats"):
+            bpy.ops.export_scene.splats(filepath=str(tmp_path / "none.ply"), content=content)
+    b_other = add_capture(random_cloud(), "Other")
+    b_other.select_set(True)
+    for b_active in (b_object, b_other):
+        bpy.context.view_layer.objects.active = b_active
+        with refused("walk", "plays a sequence", "join"):
+            bpy.ops.stipple.join()
+    assert set(bpy.data.objects) == {b_object, b_other}
 
 
 def test_export_says_what_is_wrong_and_writes_nothing(tmp_path: Path) -> None:
