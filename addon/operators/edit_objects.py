@@ -17,6 +17,7 @@ from ..edit.operator import SplatOperator, busy, redraw, session_in
 from ..edit.pairs import PairsOperator
 from ..edit.session import check_editable, session_of
 from ..linked_capture import is_linked
+from ..placing import LetGo, stand_at
 from ..point_rows import check_points_only
 from ..sequence import plays
 from ..splat_data import cloud_from_datablock, datablock_from_cloud, is_capture_object
@@ -80,7 +81,9 @@ class STIPPLE_OT_join(bpy.types.Operator):
             with busy(context) as progress:
                 session = session_of(b_active, sync.DEVICE[context.scene.stipple.device], progress)
             sources = np.full(joined.splat_count, -1)
-            session.commit(b_active.data, append_cloud(session.cloud, joined), sources)
+            b_children = [b_child for b_other in b_others for b_child in b_other.children if b_child not in b_others]
+            with LetGo(b_children, context):  # or they would move when their parents are gone, the active one too
+                session.commit(b_active.data, append_cloud(session.cloud, joined), sources)
             for b_other in b_others:
                 b_data = b_other.data
                 bpy.data.objects.remove(b_other)
@@ -161,7 +164,8 @@ class STIPPLE_OT_align_points(OnActiveCapture, PairsOperator, bpy.types.Operator
         )
         with Reported(self):
             matrix = align_points(source, target, self.use_scale)
-            context.object.matrix_world = Matrix([*matrix.tolist(), [0, 0, 0, 1]]) @ context.object.matrix_world
+            b_matrix = Matrix([*matrix.tolist(), [0, 0, 0, 1]]) @ context.object.matrix_world
+            stand_at(context.object, b_matrix, "where the points are to be", context)
             return {"FINISHED"}
         return {"CANCELLED"}
 

@@ -133,19 +133,6 @@ def test_what_is_no_capture_is_not_joined() -> None:
     assert every_byte(b_object.data) == before and "Cube" in bpy.data.objects
 
 
-def test_three_points_align_an_object() -> None:
-    b_object = add_capture(random_cloud())
-    activate(b_object)
-    source = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
-    target = source @ np.array(PLACED)[:3, :3].T + np.array(PLACED)[:3, 3]
-    points = {f"source_{i + 1}": tuple(p) for i, p in enumerate(source)}
-    points |= {f"target_{i + 1}": tuple(p) for i, p in enumerate(target)}
-    assert bpy.ops.stipple.align_points(**points) == {"FINISHED"}
-    assert np.allclose(b_object.matrix_world, PLACED, atol=1e-5)
-    with refused("line"):
-        bpy.ops.stipple.align_points(**(points | {"source_3": (2, 0, 0)}))
-
-
 def test_clean_up_counts_selects_and_deletes() -> None:
     b_object = edited()
     before = cloud_of(b_object)

@@ -170,6 +170,9 @@ def test_bad_calls_leave_everything(make_cloud: Clouds, monkeypatch: pytest.Monk
         (lambda: merge_clouds([]), "no captures"),
         (lambda: align_points(np.eye(3)[:2], np.eye(3)[:2]), "three or more"),
         (lambda: align_points([[0, 0, 0], [1, 1, 1], [2, 2, 2]], np.eye(3)), "on one line"),
+        (lambda: align_points(np.ones((3, 3)), np.eye(3)), "source points are in one place"),
+        (lambda: align_points(np.eye(3), 1e-20 * np.eye(3)), "target points are in one place"),
+        (lambda: align_points(1e30 * np.eye(3), np.eye(3)), "scaled by"),
     ):
         with pytest.raises(StippleError, match=words):
             call()
