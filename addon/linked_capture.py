@@ -24,7 +24,7 @@ from bpy.props import FloatVectorProperty, IntProperty, PointerProperty, StringP
 from ..engine.capture_file import CaptureFile, Survey
 from ..engine.errors import StippleError
 from ..engine.splats import SplatCloud
-from .splat_data import datablock_from_cloud, resize_points, write_cloud
+from .splat_data import datablock_from_cloud, resize_points, splat_count_of, write_cloud
 
 ID_TYPES = (bpy.types.PointCloud, bpy.types.Mesh)
 
@@ -46,9 +46,24 @@ class StippleLinkedCapture(bpy.types.PropertyGroup):
 def is_linked(b_data: Any) -> bool:
     """Whether a datablock, original or evaluated, stands for a file.
 
-    Geometry Nodes keep this where they instance or pass on the geometry, and lose it where they realize or join it.
+    Geometry Nodes keep this where they instance or pass on the geometry, and lose it where they make a new one: with
+    *Delete*, *Join Geometry* and *Realize Instances*. Then only points of the proxy are left, see `lost_notice`.
     """
     return isinstance(b_data, ID_TYPES) and bool(b_data.stipple_capture.fingerprint)
+
+
+def lost_notice(b_object: Any) -> str:
+    """A sentence where the modifiers of an evaluated object left points of the proxy in place of the file; mostly "".
+
+    They might be one part of it or ten copies: the file is no substitute, and the points must not pass for it.
+    """
+    b_data, b_source = b_object.data, b_object.original.data
+    if is_linked(b_data) or not is_linked(b_source):
+        return ""
+    return (
+        f"{b_object.name}: its modifiers leave {splat_count_of(b_data):,} points of the proxy in place of the linked "
+        f"file's {b_source.stipple_capture.splat_count:,} splats; let them instance it, or import it without Link."
+    )
 
 
 def path_of(b_data: Any) -> Path | None:

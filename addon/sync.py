@@ -17,7 +17,7 @@ from ..engine.splats import SplatCloud
 from . import residency, sequence, world
 from .edit.preview import Preview, preview_of
 from .edit.shown import shown_in_render, shown_in_viewport
-from .linked_capture import is_linked
+from .linked_capture import is_linked, lost_notice
 from .looks import ALL_SH_DEGREES, LookReader
 from .residency import CloudCache, EvaluatedClouds, linked
 from .splat_data import POINT_TYPES, is_capture, splat_count_of
@@ -135,6 +135,8 @@ def _instances(
         if dropped:
             warnings[f"{b_object.name}: {dropped} splats have invalid values and are not rendered."] = None
         if cloud is not None:
+            if not sequence.plays(b_object) and (lost := lost_notice(b_object)):
+                warnings[lost] = None
             instance = Instance(cloud, matrix, b_object.name, b_object.pass_index, looks.look_of(b_instance))
             shown, notice = as_shown(instance, b_object, dropped)
             instances.extend(shown)

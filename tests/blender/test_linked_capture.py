@@ -12,13 +12,15 @@ import pytest
 from stipple.addon import linked_capture, preferences, residency
 from stipple.addon.capture_panel import DATA_PT_stipple_linked_capture
 from stipple.addon.linked_capture import is_linked, path_of
+from stipple.addon.residency import CloudCache
 from stipple.addon.splat_data import is_capture, splat_count_of
+from stipple.addon.sync import scene_from_depsgraph
 from stipple.engine.capture_file import CaptureFile
 from stipple.engine.formats import read_splats
 from stipple.engine.splats import SplatCloud
 from tests.capture_files import write_large
 
-from .captures import add_camera, add_capture, random_cloud, render, use_stipple, write_ply
+from .captures import add_camera, add_capture, in_viewport, random_cloud, render, use_stipple, write_ply
 from .geometry_nodes import node_tree
 from .linked import link, save, synced
 
@@ -140,11 +142,18 @@ def test_nodes_that_change_its_points_change_nothing(path: Path) -> None:
     assert isinstance(instance.cloud, CaptureFile)
 
 
-def test_nodes_that_realize_it_leave_the_proxy(path: Path) -> None:
+@pytest.mark.parametrize(("kind", "count"), [("realized", 3_000), ("deleted", 150)])
+def test_nodes_that_make_new_points_of_it_leave_the_proxy_and_it_is_said(path: Path, kind: str, count: int) -> None:
     b_object = link(path)
-    node_tree(b_object, "realized")
-    (instance,) = synced()
-    assert isinstance(instance.cloud, SplatCloud) and instance.cloud.splat_count == 3_000
+    node_tree(b_object, kind)
+    scene, warnings = scene_from_depsgraph(bpy.context.evaluated_depsgraph_get(), CloudCache())
+    (instance,) = scene.instances
+    assert isinstance(instance.cloud, SplatCloud) and instance.cloud.splat_count == count
+    assert warnings == (
+        f"garden: its modifiers leave {count:,} points of the proxy in place of the linked file's 300 splats; "
+        "let them instance it, or import it without Link.",
+    )
+    assert in_viewport()[1] == warnings
 
 
 def test_applying_a_transform_is_refused(path: Path) -> None:
