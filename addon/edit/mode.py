@@ -88,8 +88,13 @@ def leave(b_object: Any) -> None:
     if deleted.any():
         keep_rows(b_data, ~deleted, b_object.name)
     setattr(b_object, MARK, False)
-    show_points(b_data, False)
+    show_points(b_data, _is_edited(b_data))
     session.drop(b_data)
+
+
+def _is_edited(b_data: Any) -> bool:
+    """Whether an object in Edit Splats has this data: objects may share it, and so the points that Blender draws."""
+    return b_data.users > 1 and any(b_other.data == b_data and getattr(b_other, MARK) for b_other in bpy.data.objects)
 
 
 def keep_rows(b_data: Any, kept: np.ndarray, name: str) -> None:

@@ -17,7 +17,7 @@ from stipple.engine.edit.state_bits import DELETED, HIDDEN, HIGHLIGHT, SELECTED
 from stipple.engine.formats import read_splats
 
 from .captures import random_cloud, write_ply
-from .editing import edited, flags, positions
+from .editing import activate, edited, flags, positions
 from .linked_editing import LEFT, edited_link
 
 pytestmark = pytest.mark.blender
@@ -96,6 +96,20 @@ def test_outside_of_the_mode_only_what_is_deleted_is_gone(b_object: Any) -> None
     bpy.ops.stipple.edit_mode_toggle()
     assert len(shown(b_object)[0]) < 450  # what is hidden is hidden again
     assert radii(b_object) is None or np.count_nonzero(radii(b_object)) == len(shown(b_object)[0])
+
+
+def test_leaving_goes_by_others_that_are_edited_with_the_same_data() -> None:
+    b_object = edited(random_cloud(500))
+    b_twin = b_object.copy()  # in Edit Splats, too
+    bpy.context.scene.collection.objects.link(b_twin)
+    bpy.ops.stipple.select_sphere(**LEFT)
+    bpy.ops.stipple.hide()
+    hidden = flags(b_object, HIDDEN)
+    bpy.ops.stipple.edit_mode_toggle()
+    assert radii(b_object) is None or np.array_equal(radii(b_object) == 0, hidden)
+    activate(b_twin)
+    bpy.ops.stipple.edit_mode_toggle()
+    assert radii(b_object) is None or (radii(b_object) > 0).all()
 
 
 def test_undo_brings_points_back(b_object: Any) -> None:
