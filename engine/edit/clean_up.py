@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import StippleError
 from .editable_cloud import EditableCloud
 from .mask import Mask
 from .match_space import match_box
@@ -20,6 +21,12 @@ def find_floaters(
 
     Raises StippleError for a factor that is not positive or a capture of too few splats.
     """
+    shown = cloud.shown().count()
+    if shown <= neighbours:
+        raise StippleError(
+            f"{cloud.name}: none of the {shown:,} splats that are shown can have {neighbours} neighbors; ask for fewer "
+            "neighbors or reveal more splats."
+        )
     distance = factor * typical_spacing(cloud, neighbours, world_from_object)
     return match_sparse(cloud, distance, neighbours, world_from_object)
 

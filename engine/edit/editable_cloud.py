@@ -15,7 +15,7 @@ from ..errors import StippleError
 from ..splats import ARRAY_NAMES, SplatCloud, sh_degree_of_rest_count
 from .mask import EDIT_LESS, Mask, mask_from_state
 from .rows import copy_rows, no_rows
-from .state import DELETED, NOT_SELECTABLE, SELECTED
+from .state import DELETED, HIDDEN, NOT_SELECTABLE, SELECTED
 
 ELEMENTS = {
     "position": wp.vec3,
@@ -126,6 +126,10 @@ class EditableCloud:
     def selectable(self) -> Mask:
         """Neither hidden, deleted nor locked."""
         return mask_from_state(self.state, 0, NOT_SELECTABLE)
+
+    def shown(self) -> Mask:
+        """Neither hidden nor deleted."""
+        return mask_from_state(self.state, 0, HIDDEN | DELETED)
 
     def kept(self) -> Mask:
         """Not deleted."""

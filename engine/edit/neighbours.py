@@ -191,15 +191,18 @@ def match_connected(
 def match_sparse(
     cloud: EditableCloud, distance: float, neighbours: int = 6, world_from_object: npt.ArrayLike | None = None
 ) -> Mask:
-    """Selectable splats with fewer than `neighbours` others within `distance` [world units]: floaters."""
+    """Selectable splats with fewer than `neighbours` others within `distance` [world units]: floaters.
+
+    Locked splats are seen, so they keep others company.
+    """
     if neighbours < 1:
         raise StippleError(f"floaters: {neighbours} neighbours; give at least 1.")
-    part = cloud.selectable()
+    part = cloud.shown()
     grid, _count = build_grid(cloud, part, part, distance, world_from_object)
     hits = cloud.hits()
     hits.zero_()
     launch(match_sparse_kernel, grid.cell_count, [grid, neighbours, hits], cloud.device)
-    return mask_from_hits(hits, cloud.splat_count)
+    return mask_from_hits(hits, cloud.splat_count) & cloud.selectable()
 
 
 def grow(cloud: EditableCloud, distance: float, world_from_object: npt.ArrayLike | None = None) -> Step:
@@ -218,15 +221,17 @@ def shrink(cloud: EditableCloud, distance: float, world_from_object: npt.ArrayLi
 
 
 def typical_spacing(cloud: EditableCloud, neighbours: int = 6, world_from_object: npt.ArrayLike | None = None) -> float:
-    """Median distance of selectable splats to their `neighbours`th nearest, of 64 spread over the list [world units].
+    """Median distance of shown splats to their `neighbours`th nearest, of 64 spread over the list [world units].
 
-    A scale for the distances that the functions above ask for. Raises StippleError for fewer splats than neighbours.
+    A scale for the distances that the functions above ask for, which locking splats does not change; of fewer splats
+    the distance to the farthest. Raises StippleError for fewer than two.
     """
-    rows = cloud.selectable().indices()
-    if not 1 <= neighbours <= MOST_NEIGHBOURS or rows.size <= neighbours:
-        raise StippleError(
-            f"{cloud.name}: {neighbours} neighbours of {rows.size:,} splats; ask for 1 to {MOST_NEIGHBOURS}."
-        )
+    if not 1 <= neighbours <= MOST_NEIGHBOURS:
+        raise StippleError(f"{cloud.name}: {neighbours} neighbors; ask for 1 to {MOST_NEIGHBOURS}.")
+    rows = cloud.shown().indices()
+    if rows.size < 2:
+        raise StippleError(f"{cloud.name}: distances are between splats, and fewer than two are shown; reveal some.")
+    neighbours = min(neighbours, rows.size - 1)
     samples = min(SAMPLES, rows.size)
     squared = wp.empty((samples, neighbours + 1), dtype=wp.float32, device=cloud.device)
     linear = wp.mat33(*checked(world_from_object, "world_from_object")[:, :3].ravel())

@@ -20,6 +20,7 @@ from stipple.engine.edit.match_values import match_colour, match_opacity
 from stipple.engine.edit.match_visible import match_visible
 from stipple.engine.edit.neighbours import grow, match_connected, match_near, match_sparse, shrink, typical_spacing
 from stipple.engine.edit.selection import select
+from stipple.engine.edit.state import LOCKED
 from stipple.engine.errors import StippleError
 from stipple.engine.renderer import Renderer
 from stipple.engine.scene import Instance
@@ -117,6 +118,26 @@ def test_typical_spacing(device: str) -> None:
     assert typical_spacing(cloud, 6, scaling(3.0)) == pytest.approx(3 * wanted, rel=1e-4)
 
 
+def test_fewer_splats_than_neighbours_have_a_spacing_too(device: str) -> None:
+    cloud = EditableCloud.from_cloud(
+        cloud_of([[0, 0, 5], [3, 0, 5], [0, 4, 5]], 0.02, 0.8, (1, 1, 1)), choose_device(device)
+    )
+    assert typical_spacing(cloud, 6) == pytest.approx(np.median([4, 5, 5]), rel=1e-6)
+    with pytest.raises(StippleError, match=r"none of the 3 splats that are shown can have 6 neighbors"):
+        find_floaters(cloud)
+    assert find_floaters(cloud, 0.9, 2).count() == 2  # within 4.5 the first has both others
+
+
+def test_what_is_locked_keeps_others_company(device: str) -> None:
+    cloud = clumps(device)
+    spacing, found = typical_spacing(cloud), find_floaters(cloud).numpy()
+    free = np.arange(cloud.splat_count) % 40 == 0
+    cloud.state.assign(np.where(free, 0, LOCKED).astype(np.uint32))
+    assert typical_spacing(cloud) == spacing
+    np.testing.assert_array_equal(find_floaters(cloud).numpy(), found & free)
+    assert (found & free).any() and (~found & free).any()
+
+
 def test_clean_up_finds_what_is_wrong(device: str) -> None:
     cloud = clumps(device)
     scale, opacity = cloud.writable("scale").numpy(), cloud.writable("opacity").numpy()
@@ -186,6 +207,7 @@ def test_bad_calls_say_why(device: str) -> None:
     cloud = clumps(device)
     before = every_byte(cloud)
     nothing = match_opacity(cloud, 2, 3)
+    alone = EditableCloud.from_cloud(cloud_of([[0, 0, 5]], 0.02, 0.8, (1, 1, 1)), choose_device(device))
     assert match_near(cloud, nothing, 1.0).count() == 0
     assert match_connected(cloud, nothing, 1.0).count() == 0
     for call, words in (
@@ -194,7 +216,8 @@ def test_bad_calls_say_why(device: str) -> None:
         (lambda: match_sparse(cloud, 1.0, 0), "at least 1"),
         (lambda: grow(cloud, 1.0), "nothing is selected to grow"),
         (lambda: shrink(cloud, 1.0), "nothing is selected to shrink"),
-        (lambda: typical_spacing(cloud, 99), "neighbours"),
+        (lambda: typical_spacing(cloud, 99), "99 neighbors; ask for 1 to 32"),
+        (lambda: typical_spacing(alone), "fewer than two are shown"),
     ):
         with pytest.raises(StippleError, match=words):
             call()
