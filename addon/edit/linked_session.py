@@ -45,6 +45,7 @@ class LinkedSession(EditSession):
         found = linked_edits.found_edits(b_data, name)
         with worker.final_render(lambda: None):  # or a viewport would read the file beside it
             self.cloud = CaptureCloud(self._capture, device, found.edits if found else None, progress)
+        self.cloud.name = name  # which users know; the file has another
 
     def is_of(self, b_data: Any) -> bool:
         """Whether the file is the same; edits that differ are taken over."""

@@ -61,6 +61,7 @@ class STIPPLE_OT_edit_mode_toggle(OnActiveCapture, bpy.types.Operator):
                 leave(b_object)
             else:
                 session.check_editable(b_object)
+                check_any_splats(b_object)
                 if is_linked(b_object.data):
                     found_edits(b_object.data, b_object.name)  # says now what is wrong with them
                 setattr(b_object, MARK, True)
@@ -72,6 +73,12 @@ class STIPPLE_OT_edit_mode_toggle(OnActiveCapture, bpy.types.Operator):
             b_object.data.update_tag()  # viewports show flags or no longer do
             return {"FINISHED"}
         return {"CANCELLED"}
+
+
+def check_any_splats(b_object: Any) -> None:
+    """Raises StippleError for a capture that holds none: a script or Blender's own edit mode took them away."""
+    if splat_count_of(b_object.data) == 0:
+        raise StippleError(f"{b_object.name}: it has no splats; import the file again, or undo what took them away.")
 
 
 def leave(b_object: Any) -> None:
@@ -119,6 +126,7 @@ class STIPPLE_OT_delete_invalid(OnActiveCapture, bpy.types.Operator):
             session.check_editable(b_object)
             if is_linked(b_object.data):
                 raise StippleError(f"{b_object.name}: invalid splats of a linked capture are never shown; keep them.")
+            check_any_splats(b_object)
             usable = usable_rows(b_object.data, b_object.name)
             if not usable.any():
                 raise StippleError(f"{b_object.name}: no splat is valid; import the file again.")

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import sync
 from .kernels import check_ready
-from .mode import Reported, edited_object
+from .mode import Reported, check_any_splats, edited_object
 from .session import EditSession, session_of
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ class SplatOperator:
 
 def session_in(context: Any, by_hand: bool = False) -> EditSession:
     """The session of the edited capture; `by_hand` as in `session_of`. Raises StippleError."""
+    check_any_splats(edited_object(context))
     with busy(context) as progress:
         return session_of(edited_object(context), device_of(context), progress, by_hand)
 

@@ -11,7 +11,6 @@ Of a linked capture the datablock has a token of the edits (`linked_session`), w
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -70,7 +69,7 @@ class EditSession:
         if cloud is None or dropped:
             raise StippleError(f"{name}: {dropped:,} splats have invalid values; use Clean Up > Delete Invalid first.")
         self.name, self._key = name, key_of(b_copy, name)
-        self.cloud: EditableCloud = EditableCloud.from_cloud(replace(cloud, name=name), device)
+        self.cloud: EditableCloud = EditableCloud.from_cloud(cloud, device)
         self._put_states(states_of(b_data))
         self._written = dict(self.cloud.versions)
         self._snapshot: tuple[dict[str, int], SplatCloud] = (dict(self.cloud.versions), cloud)
@@ -215,8 +214,9 @@ def session_of(b_object: Any, device: str, progress: Progress, by_hand: bool = F
     check_editable(b_object)
     b_data = b_object.data
     session = _sessions.pop(b_data.session_uid, None)
-    if session is not None and not by_hand:
-        session.in_doubt = True
+    if session is not None:
+        session.name = session.cloud.name = b_object.name  # which may have another one now
+        session.in_doubt |= not by_hand
     if session is None or not session.is_of(b_data):
         session = None  # before the new one is made: one of them is large enough
         chosen = editing_device(device, progress)

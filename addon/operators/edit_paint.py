@@ -19,6 +19,7 @@ from ..edit.properties import BRUSH_MODES, FALLOFFS
 from ..edit.session import EditSession
 from ..edit.stroke import StrokeOperator
 from ..edit.visible import Picker
+from ..linked_capture import is_linked
 
 SLOW = 0.06  # [s] a dab; several of them come with a movement of the mouse
 HARMONICS_COST = 3.2  # times a dab without: 1.9 to 3.1 for 1 to 28 M splats of degree 3 (EPYC, two cores)
@@ -144,9 +145,11 @@ class STIPPLE_OT_paint(BallStroke, bpy.types.Operator):
 
     def start(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.brush import Brush
-        from ...engine.edit.paint_stroke import PaintStroke
+        from ...engine.edit.paint_stroke import PaintStroke, has_paint
         from ...engine.edit.selection import selected_or_refuse
 
+        if "ERASE" in self.mode and not has_paint(session.cloud, opacity="OPACITY" in self.mode):
+            raise StippleError(f"{session.name}: there is no paint to erase; {why_no_paint(context)}.")
         brush = Brush(
             mode=self.mode.lower(),
             colour=tuple(self.color),
@@ -210,6 +213,13 @@ class STIPPLE_OT_clone_source(SplatOperator, bpy.types.Operator):
         b_settings = context.scene.stipple_edit
         b_settings.clone_source, b_settings.has_clone_source = self.location, True
         return {"FINISHED"}
+
+
+def why_no_paint(context: Any) -> str:
+    """Why an eraser finds nothing where the user may have painted: only edits of linked captures tell paint apart."""
+    if is_linked(edited_object(context).data):
+        return "every splat is as its file has it"
+    return "what was painted before the splats were last read, as on entering Edit Splats, is part of them now"
 
 
 def pick_under(context: Any, event: Any) -> Any:

@@ -22,7 +22,9 @@ PIVOTS = (
 
 
 class TransformOperator(SplatOperator):
-    """Maps the selection; subclasses say in `matrix` how, in the world."""
+    """Maps the selection; subclasses say in `matrix` how, in the world, and what that is called."""
+
+    verb: ClassVar[str]
 
     def step(self, context: Any, session: EditSession) -> Any:
         from ...engine.edit.transform import transform
@@ -37,7 +39,9 @@ class TransformOperator(SplatOperator):
     def pivot_of(self, context: Any, session: EditSession) -> np.ndarray:
         """The fixed point in the world. Raises StippleError when nothing is selected."""
         from ...engine.edit.pivot import median
+        from ...engine.edit.selection import selected_or_refuse
 
+        selected_or_refuse(session.cloud, self.verb)
         placed = world_from_object(context)
         middle = placed @ np.append(median(session.cloud), 1.0)
         pivot = getattr(self, "pivot", "MEDIAN")
@@ -51,6 +55,7 @@ class STIPPLE_OT_translate(DragOperator, TransformOperator, bpy.types.Operator):
     bl_label = "Move Splats"
     value: FloatVectorProperty(name="Move", description="Way along each axis of the world", subtype="TRANSLATION")  # type: ignore[valid-type]
     kind: ClassVar[str] = "translate"
+    verb = "move"
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
         from ...engine.edit import affine
@@ -69,6 +74,7 @@ class STIPPLE_OT_rotate(DragOperator, TransformOperator, bpy.types.Operator):
     )
     pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
     kind: ClassVar[str] = "rotate"
+    verb = "rotate"
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
         from ...engine.edit import affine
@@ -86,6 +92,7 @@ class STIPPLE_OT_resize(DragOperator, TransformOperator, bpy.types.Operator):
     )
     pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
     kind: ClassVar[str] = "resize"
+    verb = "scale"
 
     def matrix(self, pivot: np.ndarray) -> np.ndarray:
         from ...engine.edit import affine
@@ -98,6 +105,7 @@ class STIPPLE_OT_mirror(TransformOperator, bpy.types.Operator):
 
     bl_idname = "stipple.mirror"
     bl_label = "Mirror Splats"
+    verb = "mirror"
     axis: EnumProperty(name="Axis", description="Axis of the world that is turned round", items=AXES, default="X")  # type: ignore[valid-type]
     pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
 

@@ -22,8 +22,11 @@ def delete(cloud: EditableCloud, which: Mask | None = None) -> Step:
 
 
 def keep_only(cloud: EditableCloud) -> Step:
-    """The step that deletes what is shown, unlocked and not selected. Raises StippleError when nothing is selected."""
-    return flag_step("Keep Only", DELETED, cloud.selectable() - selected_or_refuse(cloud, "keep"))
+    """The step that deletes what is shown, unlocked and not selected.
+
+    Raises StippleError when nothing is selected, or everything.
+    """
+    return flag_step("Keep Only", DELETED, _unselected(cloud, "keep", "delete"))
 
 
 def restore(cloud: EditableCloud, which: Mask | None = None) -> Step:
@@ -33,9 +36,12 @@ def restore(cloud: EditableCloud, which: Mask | None = None) -> Step:
 
 
 def hide(cloud: EditableCloud, unselected: bool = False) -> Step:
-    """The step that hides the selection, or else what is not selected. Raises StippleError when nothing is selected."""
-    selected = selected_or_refuse(cloud, "hide")
-    return flag_step("Hide", HIDDEN, cloud.selectable() - selected if unselected else selected)
+    """The step that hides the selection, or else what is not selected.
+
+    Raises StippleError when nothing is selected, or there is nothing else.
+    """
+    chosen = _unselected(cloud, "show", "hide") if unselected else selected_or_refuse(cloud, "hide")
+    return flag_step("Hide", HIDDEN, chosen)
 
 
 def reveal(cloud: EditableCloud) -> Step:
@@ -49,10 +55,10 @@ def reveal(cloud: EditableCloud) -> Step:
 def lock(cloud: EditableCloud, unselected: bool = False) -> Step:
     """The step that protects the selection, or else what is not selected, from every operation.
 
-    Raises StippleError when nothing is selected.
+    Raises StippleError when nothing is selected, or there is nothing else.
     """
-    selected = selected_or_refuse(cloud, "lock")
-    return flag_step("Lock", LOCKED, cloud.selectable() - selected if unselected else selected)
+    chosen = _unselected(cloud, "leave unlocked", "lock") if unselected else selected_or_refuse(cloud, "lock")
+    return flag_step("Lock", LOCKED, chosen)
 
 
 def unlock(cloud: EditableCloud) -> Step:
@@ -69,6 +75,14 @@ def counts(cloud: EditableCloud) -> dict[str, int]:
         "deleted": mask_from_state(cloud.state, DELETED, 0).count(),
         "locked": mask_from_state(cloud.state, LOCKED, DELETED).count(),
     }
+
+
+def _unselected(cloud: EditableCloud, selected_verb: str, verb: str) -> Mask:
+    """What is shown, unlocked and not selected. Raises StippleError when nothing is selected, or everything."""
+    rest = cloud.selectable() - selected_or_refuse(cloud, selected_verb)
+    if rest.count() == 0:
+        raise StippleError(f"{cloud.name}: everything is selected, and nothing else is left to {verb}; select less.")
+    return rest
 
 
 def _clear(cloud: EditableCloud, name: str, flag: int, chosen: Mask, problem: str) -> Step:

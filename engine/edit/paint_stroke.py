@@ -131,6 +131,14 @@ def changed_kernel(
     hits[i] = wp.uint8(hit)
 
 
+def has_paint(cloud: EditableCloud, opacity: bool = False) -> bool:
+    """Whether any splat has another colour, or opacity, than an eraser brings back. Reads back."""
+    cloud.array("opacity" if opacity else "sh_dc")  # of a capture in its file paint comes along with it
+    if opacity:
+        return cloud.has("base_opacity") and bool((cloud.host("opacity") != cloud.host("base_opacity")).any())
+    return cloud.has("paint") and bool(cloud.array("paint").numpy().any())
+
+
 class PaintStroke:
     """One stroke of a brush: it shows with every dab and becomes one step.
 

@@ -11,6 +11,7 @@ import pytest
 
 from stipple.addon import sync
 from stipple.addon.edit import session as sessions
+from stipple.addon.edit.mode import keep_rows
 from stipple.addon.residency import CloudCache
 from stipple.addon.splat_data import STATE, states_of
 from stipple.engine.edit.state import DELETED, HIDDEN, LOCKED, SELECTED
@@ -191,6 +192,41 @@ def test_bad_calls_leave_everything_and_say_why() -> None:
     with refused("3D viewport"):
         bpy.ops.stipple.select_circle()
     assert every_byte(b_object.data) == before
+
+
+def test_refusals_say_what_the_user_was_at() -> None:
+    b_object = edited()
+    b_object.name = "Renamed"
+    for name, verb in {"translate": "move", "rotate": "rotate", "resize": "scale", "mirror": "mirror"}.items():
+        with refused("Renamed", f"nothing is selected to {verb}"):
+            getattr(bpy.ops.stipple, name)()
+    b_object.name = "Again"  # while there is a session
+    with refused("Again", "nothing is selected to delete"):
+        bpy.ops.stipple.delete()
+    bpy.ops.stipple.select_all(action="SELECT")
+    with refused("Again", "everything is selected", "to delete"):
+        bpy.ops.stipple.delete(unselected=True)
+    with refused("Again", "everything is selected", "to hide"):
+        bpy.ops.stipple.hide(unselected=True)
+
+
+def test_few_splats_and_none() -> None:
+    b_object = edited(random_cloud(3))
+    bpy.ops.stipple.select_linked(splat=0, distance=3.0)
+    assert flags(b_object, SELECTED).all()
+    with refused("Capture", "3 splats", "6 neighbors"):
+        bpy.ops.stipple.clean_floaters()
+    bpy.ops.stipple.hide()
+    with refused("Capture", "fewer than two are shown"):
+        bpy.ops.stipple.select_more()
+    bpy.ops.stipple.edit_mode_toggle()
+    keep_rows(b_object.data, np.zeros(3, bool), "Capture")
+    for operator in (bpy.ops.stipple.edit_mode_toggle, bpy.ops.stipple.delete_invalid):
+        with refused("Capture", "it has no splats"):
+            operator()
+    b_object.stipple_editing = True
+    with refused("Capture", "it has no splats"):
+        bpy.ops.stipple.select_all()
 
 
 def test_without_an_edited_capture_operators_do_not_run() -> None:

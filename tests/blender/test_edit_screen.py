@@ -143,6 +143,22 @@ def test_paint_changes_colour_under_the_ball_only(degree: int) -> None:
     assert np.array_equal(erased.sh_dc, before.sh_dc) and np.array_equal(erased.sh_rest, before.sh_rest)
 
 
+@pytest.mark.parametrize(("paints", "erases"), [("RGB", "ERASE"), ("OPACITY", "ERASE_OPACITY")])
+def test_an_eraser_says_why_there_is_nothing_to_erase(paints: str, erases: str) -> None:
+    b_object = edited()
+    stroke, before = [dab((-1, 0, 0), 1.0)], every_byte(b_object.data)
+    with refused("Capture", "no paint to erase", "part of them now"):
+        bpy.ops.stipple.paint(stroke=stroke, mode=erases)
+    assert every_byte(b_object.data) == before
+    bpy.ops.stipple.paint(stroke=stroke, mode=paints, opacity=0.3)
+    assert bpy.ops.stipple.paint(stroke=[dab((9, 0, 0), 1.0)], mode=erases) == {"CANCELLED"}  # beside the paint
+    bpy.ops.stipple.paint(stroke=stroke, mode=paints, opacity=0.4)
+    bpy.ops.stipple.edit_mode_toggle()
+    bpy.ops.stipple.edit_mode_toggle()
+    with refused("Capture", "no paint to erase"):
+        bpy.ops.stipple.paint(stroke=stroke, mode=erases)
+
+
 def test_opacity_and_selected_only() -> None:
     b_object = edited()
     before = cloud_from_datablock(b_object.data, "x")[0]
@@ -217,7 +233,7 @@ class ScaleDrag(drags.DragOperator):
     """*S* in a viewport that is only its camera, for the background has none."""
 
     kind, bl_label, bl_idname, value = "resize", "Scale Splats", "stipple.resize", (1.0, 1.0, 1.0)
-    matrix, pivot_of = STIPPLE_OT_resize.matrix, STIPPLE_OT_resize.pivot_of
+    matrix, pivot_of, verb = STIPPLE_OT_resize.matrix, STIPPLE_OT_resize.pivot_of, STIPPLE_OT_resize.verb
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.said: list[str] = []
