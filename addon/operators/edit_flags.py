@@ -130,12 +130,19 @@ class STIPPLE_OT_hide(FlagOfSelection, bpy.types.Operator):
     function = "hide"
 
 
-class STIPPLE_OT_reveal(FlagOperator, bpy.types.Operator):
+class STIPPLE_OT_reveal(SplatOperator, bpy.types.Operator):
     """Show all hidden splats"""
 
     bl_idname = "stipple.reveal"
     bl_label = "Reveal Splats"
-    function = "reveal"
+    select: BoolProperty(  # type: ignore[valid-type]
+        name="Select", description="Select what is revealed, or else leave it unselected", default=True
+    )
+
+    def step(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.flags import reveal
+
+        return reveal(session.cloud, self.select)
 
 
 class STIPPLE_OT_lock(FlagOfSelection, bpy.types.Operator):

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Delete and restore, hide and reveal, lock and unlock: each flips one flag, so each is one bit per splat to undo."""
+"""Delete and restore, hide and reveal, lock and unlock: each flips one flag, so each is one bit per splat to undo.
+
+Reveal selects what it shows, as Blender's does, and flips two.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from ..errors import StippleError
 from .editable_cloud import EditableCloud
 from .mask import Mask, mask_from_state
 from .selection import selected_or_refuse
-from .state import DELETED, HIDDEN, LOCKED
-from .step import Step, flag_step
+from .state import DELETED, HIDDEN, LOCKED, SELECTED
+from .step import FlagDiff, Step, flag_step
 
 
 def delete(cloud: EditableCloud, which: Mask | None = None) -> Step:
@@ -44,12 +47,15 @@ def hide(cloud: EditableCloud, unselected: bool = False) -> Step:
     return flag_step("Hide", HIDDEN, chosen)
 
 
-def reveal(cloud: EditableCloud) -> Step:
-    """The step that shows all hidden splats; those hidden while selected are selected again.
+def reveal(cloud: EditableCloud, select: bool = True) -> Step:
+    """The step that shows all hidden splats and selects those that are unlocked, or else leaves them unselected.
 
     Raises StippleError when none are hidden.
     """
-    return _clear(cloud, "Reveal", HIDDEN, mask_from_state(cloud.state, HIDDEN, DELETED), "no splats are hidden")
+    shown = _clear(cloud, "Reveal", HIDDEN, mask_from_state(cloud.state, HIDDEN, DELETED), "no splats are hidden")
+    selected = mask_from_state(cloud.state, HIDDEN | SELECTED, DELETED | LOCKED)
+    flipped = mask_from_state(cloud.state, HIDDEN, DELETED | LOCKED) - selected if select else selected
+    return Step(shown.name, (*shown.diffs, FlagDiff(SELECTED, flipped)), shown.changed)
 
 
 def lock(cloud: EditableCloud, unselected: bool = False) -> Step:

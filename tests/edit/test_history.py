@@ -14,6 +14,7 @@ from stipple.engine.edit.history import History
 from stipple.engine.edit.mask import mask_from_numpy
 from stipple.engine.edit.match_values import match_opacity
 from stipple.engine.edit.selection import select, select_all
+from stipple.engine.edit.state import LOCKED
 from stipple.engine.edit.step import STEP_BYTES
 from stipple.engine.errors import StippleError
 from tests.edit.every_byte import assert_same, every_byte
@@ -65,6 +66,35 @@ def test_counterparts(make_cloud: Clouds) -> None:
         history.do(select_all(cloud, "none"))
     history.go_to(0)
     assert counts(cloud) == {"total": 200, "selected": 0, "hidden": 0, "deleted": 0, "locked": 0}
+
+
+def test_reveal_selects_what_it_shows_and_is_unlocked(make_cloud: Clouds) -> None:
+    cloud = make_cloud(200)
+    history, rows = History(cloud), np.arange(200)
+    history.do(select(cloud, mask_from_numpy(rows < 20, cloud.device)))
+    history.do(hide(cloud))
+    history.do(select(cloud, mask_from_numpy((rows >= 20) & (rows < 60), cloud.device)))
+    history.do(select(cloud, mask_from_numpy(rows < 60, cloud.device), "add"))
+    history.do(hide(cloud, unselected=True))  # all but 20 … 59, never selected
+    cloud.state.assign(np.where(rows >= 190, cloud.state.numpy() | LOCKED, cloud.state.numpy()))
+    before = every_byte(cloud)
+    for wanted, chosen in ((True, rows < 190), (False, (rows >= 20) & (rows < 60))):
+        history.do(reveal(cloud, wanted))
+        np.testing.assert_array_equal(cloud.selection().numpy(), chosen)
+        assert counts(cloud)["hidden"] == 0
+        history.undo()
+        assert_same(cloud, before)
+
+
+def test_where_everything_is_selected_there_is_nothing_else(make_cloud: Clouds) -> None:
+    cloud = make_cloud(50)
+    History(cloud).do(select_all(cloud))
+    before = every_byte(cloud)
+    calls = {"delete": keep_only, "hide": lambda c: hide(c, True), "lock": lambda c: lock(c, True)}
+    for verb, call in calls.items():
+        with pytest.raises(StippleError, match=f"everything is selected, and nothing else is left to {verb}"):
+            call(cloud)
+    assert_same(cloud, before)
 
 
 def test_deleted_splats_are_left_out(make_cloud: Clouds) -> None:
