@@ -89,7 +89,7 @@ class LookReader:
             b_volume = b_crop.object.original.evaluated_get(self._depsgraph)
             if self._places.stands_still(b_volume):
                 self._notice(f"{b_object.name}: the crop object {b_volume.name} {_why_it_stands_still(b_volume)}.")
-            volume = _volume(b_volume)
+            volume = local_box(b_volume)
             if np.diagonal(volume).min() == 0.0:
                 self._notice(
                     f"{b_object.name}: the crop object {b_volume.name} is flat and holds nothing; give it a thickness."
@@ -120,7 +120,7 @@ def _why_it_stands_still(b_volume: Any) -> str:
     return "is disabled here and does not move; enable it and let it display as bounds instead"
 
 
-def _volume(b_object: Any) -> Matrix:
+def local_box(b_object: Any) -> Matrix:
     """(4, 4) from the cube -1 … 1 to the object's local box: an empty's as it is drawn, else the bounding box."""
     matrix = np.eye(4)
     if b_object.type == "EMPTY":

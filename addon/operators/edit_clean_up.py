@@ -101,7 +101,7 @@ class STIPPLE_OT_clean_faint(CleanUpOperator, bpy.types.Operator):
 
 
 class STIPPLE_OT_clean_outside(CleanUpOperator, bpy.types.Operator):
-    """Find splats outside the box of an object, such as a cube-shaped empty"""
+    """Find splats outside the box of an object, as a crop takes it: an empty's as it is drawn, else the bounding box"""
 
     bl_idname = "stipple.clean_outside"
     bl_label = "Outside Box"

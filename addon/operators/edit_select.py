@@ -19,11 +19,18 @@ from bpy.props import (
 
 from ...engine.errors import StippleError
 from ...engine.look import Look
+from ..crop_places import CropPlaces
 from ..edit.circle import CircleStroke
 from ..edit.gesture import GestureOperator
 from ..edit.operator import ENGINE_MODES, SELECT_MODES, SplatOperator, world_from_object
 from ..edit.screen import camera_of, from_top, look_in
 from ..edit.session import EditSession
+from ..looks import local_box
+
+SIDES = (
+    ("FRONT", "Front", "Where the normal points to, and the plane itself"),
+    ("BACK", "Back", "The other side, and the plane itself"),
+)
 
 
 class MatchOperator(SplatOperator):
@@ -165,7 +172,7 @@ class STIPPLE_OT_select_sphere(MatchOperator, bpy.types.Operator):
 
 
 class STIPPLE_OT_select_in_object(MatchOperator, bpy.types.Operator):
-    """Select splats in the box of an object: an empty's cube from -1 to 1, moved, turned and scaled as it is"""
+    """Select splats in the box of an object, as a crop takes it: an empty's as it is drawn, else the bounding box"""
 
     bl_idname = "stipple.select_in_object"
     bl_label = "Select Splats in Object"
@@ -208,13 +215,21 @@ class STIPPLE_OT_select_size(MatchOperator, bpy.types.Operator):
 
 
 def box_of(context: Any, name: str) -> Any:
-    """World matrix (3, 4) of an object of the scene. Raises StippleError where there is none."""
+    """The box of an object of the scene as crops have it: from the cube -1 … 1 to the world (3, 4).
+
+    Raises StippleError where there is none, or one that holds nothing.
+    """
     b_object = context.scene.objects.get(name)
     if b_object is None:
         raise StippleError(
             f"{name or 'Box'}: this scene has no object of that name; add an empty cube around the splats."
         )
-    return np.array(b_object.matrix_world, np.float64)[:3]
+    depsgraph = context.evaluated_depsgraph_get()
+    b_object = b_object.evaluated_get(depsgraph)
+    matrix = CropPlaces(depsgraph).matrix_of(b_object) @ local_box(b_object)
+    if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
+        raise StippleError(f"{name}: its box is flat and holds nothing; give it a thickness along every axis.")
+    return matrix[:3]
 
 
 CLASSES = (

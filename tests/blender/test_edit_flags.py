@@ -11,7 +11,6 @@ import pytest
 
 from stipple.addon import sync
 from stipple.addon.edit import session as sessions
-from stipple.addon.edit.mode import keep_rows
 from stipple.addon.residency import CloudCache
 from stipple.addon.splat_data import STATE, states_of
 from stipple.engine.edit.state import DELETED, HIDDEN, LOCKED, SELECTED
@@ -208,25 +207,6 @@ def test_refusals_say_what_the_user_was_at() -> None:
         bpy.ops.stipple.delete(unselected=True)
     with refused("Again", "everything is selected", "to hide"):
         bpy.ops.stipple.hide(unselected=True)
-
-
-def test_few_splats_and_none() -> None:
-    b_object = edited(random_cloud(3))
-    bpy.ops.stipple.select_linked(splat=0, distance=3.0)
-    assert flags(b_object, SELECTED).all()
-    with refused("Capture", "3 splats", "6 neighbors"):
-        bpy.ops.stipple.clean_floaters()
-    bpy.ops.stipple.hide()
-    with refused("Capture", "fewer than two are shown"):
-        bpy.ops.stipple.select_more()
-    bpy.ops.stipple.edit_mode_toggle()
-    keep_rows(b_object.data, np.zeros(3, bool), "Capture")
-    for operator in (bpy.ops.stipple.edit_mode_toggle, bpy.ops.stipple.delete_invalid):
-        with refused("Capture", "it has no splats"):
-            operator()
-    b_object.stipple_editing = True
-    with refused("Capture", "it has no splats"):
-        bpy.ops.stipple.select_all()
 
 
 def test_without_an_edited_capture_operators_do_not_run() -> None:

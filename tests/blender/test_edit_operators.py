@@ -219,18 +219,6 @@ def test_a_clone_source_is_kept_for_the_next_stroke() -> None:
     assert b_settings.has_clone_source and np.allclose(b_settings.clone_source, (0.1, 0.2, 0.3))
 
 
-def test_in_object_and_by_size() -> None:
-    b_object = scene()
-    bpy.ops.stipple.select_in_object(object="Box")
-    cloud = random_cloud(count=300, degree=1)
-    assert np.array_equal(flags(b_object, SELECTED), (np.abs(cloud.position) <= 0.6).all(axis=1))
-    bpy.ops.stipple.select_size(low=0.05, high=0.1)
-    longest = cloud.scale.max(axis=1)
-    assert np.array_equal(flags(b_object, SELECTED), (longest >= np.float32(0.05)) & (longest <= np.float32(0.1)))
-    with refused("Nowhere"):
-        bpy.ops.stipple.select_in_object(object="Nowhere")
-
-
 def test_by_hand_what_was_undone_or_tagged_meanwhile_is_seen() -> None:
     """Operators that users invoke compare arrays only after an undo or a tag, and then they must."""
     b_object = edited(random_cloud(300))
