@@ -37,6 +37,7 @@ class VIEW3D_MT_stipple_select(bpy.types.Menu):
         layout.operator_context = "EXEC_DEFAULT"
         for name, text in (("color", "Color"), ("opacity", "Opacity"), ("size", "Size"), ("depth", "Depth")):
             layout.operator(f"stipple.select_{name}", text=f"By {text}")
+        layout.operator("stipple.select_plane", text="By Plane").point = context.scene.cursor.location
         layout.operator("stipple.select_in_object", text="In Object")
 
 
@@ -66,6 +67,7 @@ class VIEW3D_MT_stipple_splats(bpy.types.Menu):
         for name, text in (("translate", "Move"), ("rotate", "Rotate"), ("resize", "Scale")):
             layout.operator(f"stipple.{name}", text=text)
         layout.menu("VIEW3D_MT_stipple_mirror")
+        layout.operator("stipple.shear", text="Shear")
         layout.separator()
         layout.operator("stipple.duplicate_move", text="Duplicate")
         layout.operator("stipple.separate", text="Separate")

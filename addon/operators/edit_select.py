@@ -171,6 +171,26 @@ class STIPPLE_OT_select_sphere(MatchOperator, bpy.types.Operator):
         return match_sphere(session.cloud, tuple(self.center), self.radius, world_from_object(context))
 
 
+class STIPPLE_OT_select_plane(MatchOperator, bpy.types.Operator):
+    """Select splats on one side of a plane"""
+
+    bl_idname = "stipple.select_plane"
+    bl_label = "Select Splats by Plane"
+    point: FloatVectorProperty(name="Point", description="A point of the plane, in the world", subtype="XYZ_LENGTH")  # type: ignore[valid-type]
+    normal: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Normal", description="Direction across the plane, in the world", default=(0, 0, 1), subtype="XYZ"
+    )
+    side: EnumProperty(  # type: ignore[valid-type]
+        name="Side", description="Side of the plane that is selected", items=SIDES, default="FRONT"
+    )
+
+    def match(self, context: Any, session: EditSession) -> Any:
+        from ...engine.edit.match_space import match_half_space
+
+        normal = np.array(self.normal) * (1 if self.side == "FRONT" else -1)
+        return match_half_space(session.cloud, tuple(self.point), normal, world_from_object(context))
+
+
 class STIPPLE_OT_select_in_object(MatchOperator, bpy.types.Operator):
     """Select splats in the box of an object, as a crop takes it: an empty's as it is drawn, else the bounding box"""
 
@@ -238,6 +258,7 @@ CLASSES = (
     STIPPLE_OT_select_lasso,
     STIPPLE_OT_select_depth,
     STIPPLE_OT_select_sphere,
+    STIPPLE_OT_select_plane,
     STIPPLE_OT_select_in_object,
     STIPPLE_OT_select_opacity,
     STIPPLE_OT_select_size,

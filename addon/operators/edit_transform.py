@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Move, rotate, scale and mirror the selected splats; G, R and S follow the mouse, the keyboard axes and numbers."""
+"""Move, rotate, scale, mirror and shear the selected splats; G, R and S follow the mouse, axis keys and numbers."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import bpy
@@ -14,6 +15,7 @@ from ..edit.operator import SplatOperator, world_from_object
 from ..edit.session import EditSession
 
 AXES = (("X", "X", ""), ("Y", "Y", ""), ("Z", "Z", ""))
+STEEPEST = math.radians(89)  # of a shear; at 90 degrees nothing would be left of it
 PIVOTS = (
     ("MEDIAN", "Median Point", "Middle of the selected splats"),
     ("CURSOR", "3D Cursor", "The 3D cursor"),
@@ -115,6 +117,33 @@ class STIPPLE_OT_mirror(TransformOperator, bpy.types.Operator):
         return affine.mirroring(np.eye(3)["XYZ".index(self.axis)], pivot)
 
 
+class STIPPLE_OT_shear(TransformOperator, bpy.types.Operator):
+    """Shear the selected splats: the farther along one axis of the world, the farther they move along another"""
+
+    bl_idname = "stipple.shear"
+    bl_label = "Shear Splats"
+    verb = "shear"
+    angle: FloatProperty(  # type: ignore[valid-type]
+        name="Angle",
+        description="Angle that what stands upright leans by",
+        min=-STEEPEST,
+        max=STEEPEST,
+        subtype="ANGLE",
+        step=100,
+    )
+    axis: EnumProperty(name="Along", description="Axis that splats move along", items=AXES, default="X")  # type: ignore[valid-type]
+    across: EnumProperty(  # type: ignore[valid-type]
+        name="Upright", description="Axis that leans: its zero is at the pivot", items=AXES, default="Z"
+    )
+    pivot: EnumProperty(name="Pivot", description="Place that stays where it is", items=PIVOTS, default="MEDIAN")  # type: ignore[valid-type]
+
+    def matrix(self, pivot: np.ndarray) -> np.ndarray:
+        from ...engine.edit import affine
+
+        along, across = (np.eye(3)["XYZ".index(axis)] for axis in (self.axis, self.across))
+        return affine.shearing(along, across, math.tan(self.angle), pivot)
+
+
 class STIPPLE_OT_duplicate(SplatOperator, bpy.types.Operator):
     """Duplicate the selected splats; the copies are selected"""
 
@@ -144,6 +173,7 @@ CLASSES = (
     STIPPLE_OT_rotate,
     STIPPLE_OT_resize,
     STIPPLE_OT_mirror,
+    STIPPLE_OT_shear,
     STIPPLE_OT_duplicate,
     STIPPLE_OT_duplicate_move,
 )

@@ -103,6 +103,19 @@ def mirroring(normal: npt.ArrayLike, point: npt.ArrayLike = (0.0, 0.0, 0.0)) -> 
     return about(np.eye(3) - 2 * np.outer(unit, unit), point)
 
 
+def shearing(
+    along: npt.ArrayLike, across: npt.ArrayLike, factor: float, pivot: npt.ArrayLike = (0.0, 0.0, 0.0)
+) -> Matrix:
+    """Moves along one unit vector (3,) by `factor` for every unit of length along another.
+
+    Raises StippleError for vectors that are not square to each other: what they give is a scale besides.
+    """
+    along, across = np.asarray(along, np.float64), np.asarray(across, np.float64)
+    if not (abs(along @ across) < 1e-6 and np.isfinite(factor)):
+        raise StippleError("shear: it moves along one axis and leans another; choose two different axes.")
+    return about(np.eye(3) + factor * np.outer(along, across), pivot)
+
+
 def device_affine(matrix: Matrix) -> Affine:
     """As kernels take it."""
     affine = Affine()

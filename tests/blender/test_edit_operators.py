@@ -35,6 +35,7 @@ ON_SELECTION: dict[str, dict[str, Any]] = {
     "rotate": {"value": 0.3},
     "resize": {"value": (2, 2, 2)},
     "mirror": {"axis": "X"},
+    "shear": {"angle": 0.3},
     "duplicate": {},
     "separate": {},
     "paint": {"stroke": STROKE, "selected_only": True},
@@ -42,6 +43,7 @@ ON_SELECTION: dict[str, dict[str, Any]] = {
 ON_ALL: dict[str, dict[str, Any]] = {
     "select_all": {"action": "INVERT"},
     "select_sphere": {"center": (0, 0, 0), "radius": 0.7},
+    "select_plane": {"point": (0.2, 0, 0), "normal": (1, 1, 0)},
     "select_in_object": {"object": "Box"},
     "select_opacity": {"low": 0.5, "high": 0.9},
     "select_size": {"low": 0.01, "high": 0.06},

@@ -11,10 +11,24 @@ from stipple.addon.edit.mode import keep_rows
 from stipple.engine.edit.state import SELECTED
 
 from .captures import random_cloud
-from .editing import edited, flags, refused
+from .editing import edited, flags, positions, refused
 from .test_edit_operators import scene
 
 pytestmark = pytest.mark.blender
+
+
+def test_by_size_and_by_plane() -> None:
+    b_object, cloud = scene(), random_cloud(count=300, degree=1)
+    bpy.ops.stipple.select_size(low=0.05, high=0.1)
+    longest = cloud.scale.max(axis=1)
+    assert np.array_equal(flags(b_object, SELECTED), (longest >= np.float32(0.05)) & (longest <= np.float32(0.1)))
+    height = (cloud.position.astype(np.float64) - (0.2, 0, 0)) @ (1, 1, 0)
+    bpy.ops.stipple.select_plane(point=(0.2, 0, 0), normal=(1, 1, 0))
+    assert np.array_equal(flags(b_object, SELECTED), height >= 0) and 20 < (height >= 0).sum() < 280
+    bpy.ops.stipple.select_plane(point=(0.2, 0, 0), normal=(1, 1, 0), side="BACK")
+    assert np.array_equal(flags(b_object, SELECTED), height <= 0)
+    with refused("direction"):
+        bpy.ops.stipple.select_plane(normal=(0, 0, 0))
 
 
 def test_the_box_of_an_object_is_that_of_a_crop() -> None:
@@ -42,6 +56,16 @@ def test_the_box_of_an_object_is_that_of_a_crop() -> None:
     for name, words in (("Box", "its box is flat"), ("Nowhere", "no object of that name")):
         with refused(name, words):
             bpy.ops.stipple.select_in_object(object=name)
+
+
+def test_shear_leans_one_axis() -> None:
+    b_object = scene()
+    before, chosen = positions(b_object), flags(b_object, SELECTED)
+    bpy.ops.stipple.shear(angle=np.arctan(0.5), axis="Y", across="X", pivot="ORIGIN")
+    leaning = before + np.where(chosen[:, None], before[:, :1] * (0, 0.5, 0), 0)
+    assert np.allclose(positions(b_object), leaning, atol=1e-6)
+    with refused("two different axes"):
+        bpy.ops.stipple.shear(angle=0.1, axis="Z")
 
 
 def test_reveal_selects_unless_told_otherwise() -> None:
