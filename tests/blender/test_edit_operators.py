@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from stipple.addon import splat_data
+from stipple.addon.edit import operator
 from stipple.addon.edit import session as sessions
 from stipple.addon.edit.operator import SplatOperator
 from stipple.engine.edit.state import SELECTED
@@ -221,25 +222,31 @@ def test_a_clone_source_is_kept_for_the_next_stroke() -> None:
     assert b_settings.has_clone_source and np.allclose(b_settings.clone_source, (0.1, 0.2, 0.3))
 
 
-def test_by_hand_what_was_undone_or_tagged_meanwhile_is_seen() -> None:
+def test_by_hand_what_was_undone_or_tagged_meanwhile_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Operators that users invoke compare arrays only after an undo or a tag, and then they must."""
-    b_object = edited(random_cloud(300))
-    ops = bpy.ops.stipple
-    ops.select_all("INVOKE_DEFAULT", action="SELECT")
+    # Without a window Blender executes what is to be invoked.
+    monkeypatch.setattr(operator, "session_of", lambda *arguments: sessions.session_of(*arguments[:3], by_hand=True))
+    compared = []
+    key_of = sessions.key_of
+    monkeypatch.setattr(sessions, "key_of", lambda *arguments: compared.append(arguments) or key_of(*arguments))
+    b_object, ops = edited(random_cloud(300)), bpy.ops.stipple
+    ops.select_all(action="SELECT")
     bpy.ops.ed.undo_push(message="Selected")
     before = positions(b_object)
-    ops.mirror("INVOKE_DEFAULT", axis="X")
+    compared.clear()
+    ops.mirror(axis="X")
     bpy.ops.ed.undo_push(message="Mirrored")
     mirrored = positions(b_object)
-    assert not np.array_equal(before, mirrored)
+    assert not np.array_equal(before, mirrored) and not compared
     bpy.ops.ed.undo()
     b_object = bpy.context.object
-    ops.mirror("INVOKE_DEFAULT", axis="X")
-    assert np.array_equal(positions(b_object), mirrored)
+    ops.mirror(axis="X")
+    assert np.array_equal(positions(b_object), mirrored) and len(compared) == 1
+    ops.mirror(axis="Y")
+    assert len(compared) == 1
     b_object.data.attributes["position"].data.foreach_set("vector", (before + np.float32(0.5)).ravel())
     b_object.data.update_tag()
-    bpy.context.view_layer.update()
-    ops.mirror("INVOKE_DEFAULT", axis="X")
+    ops.mirror(axis="X")
     np.testing.assert_allclose(positions(b_object)[:, 1:], before[:, 1:] + 0.5, atol=1e-5)
 
 
