@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from mathutils import Matrix
 
 from ..engine.camera import Camera
+from .animated_paths import curves_of
 from .camera_from_view import set_lens
 
 OBJECT_PATHS = ("location", "rotation_quaternion")
@@ -36,11 +37,3 @@ def animate(b_object: Any, cameras: Sequence[Camera], matrices: Sequence[Matrix]
         for b_curve in curves_of(b_owner):
             for b_key in b_curve.keyframe_points:
                 b_key.interpolation = "LINEAR"
-
-
-def curves_of(b_owner: Any) -> Iterator[Any]:
-    """The F-curves that move an object or a datablock."""
-    b_animation = b_owner.animation_data
-    for b_layer in b_animation.action.layers:
-        for b_strip in b_layer.strips:
-            yield from b_strip.channelbag(b_animation.action_slot).fcurves

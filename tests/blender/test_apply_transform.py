@@ -51,6 +51,16 @@ def test_uneven_scale_keeps_shapes(tmp_path: Path) -> None:
     assert psnr(render(tmp_path / "after.exr"), before) > 60
 
 
+@pytest.mark.parametrize(("scale", "degree", "says"), [(1.5, 2, True), (1.5, 0, False), (0.7, 2, False)])
+def test_uneven_scale_says_that_colors_are_approximate(scale: float, degree: int, says: bool, capfd) -> None:  # type: ignore[no-untyped-def]
+    """The direction a splat is seen from changes unevenly, too, which no harmonics of the same degree follow."""
+    placed_capture(scale=(0.7, 0.7, scale), degree=degree)
+    assert bpy.ops.object.stipple_apply_transform() == {"FINISHED"}
+    assert (
+        "Capture: its scale was uneven, so its view-dependent color is approximate" in capfd.readouterr().out
+    ) == says
+
+
 def test_children_stay_where_they_are() -> None:
     b_object = placed_capture()
     b_child = bpy.data.objects.new("Child", None)
@@ -76,6 +86,43 @@ def test_undo_restores_every_bit() -> None:
     assert before is not None and after is not None
     assert_same_cloud(before, after)
     np.testing.assert_allclose(b_object.scale, (0.7, 0.7, 0.7), rtol=1e-6)
+
+
+def test_a_fake_user_is_none() -> None:
+    placed_capture().data.use_fake_user = True
+    assert bpy.ops.object.stipple_apply_transform() == {"FINISHED"}
+
+
+def test_what_keys_would_do_again_is_refused(tmp_path: Path) -> None:
+    """Also what drivers and strips would; the location only where it is applied."""
+    b_object = placed_capture()
+    b_object.delta_location = (0.3, 0.0, 0.0)
+    b_object.keyframe_insert("location", frame=1)
+    with pytest.raises(RuntimeError, match="Capture: its location is keyed or driven and would act on the new splats"):
+        bpy.ops.object.stipple_apply_transform()
+    b_object.driver_add("rotation_euler", 2)
+    with pytest.raises(RuntimeError, match="its rotation_euler is keyed or driven"):
+        bpy.ops.object.stipple_apply_transform(location=False)
+    b_object.driver_remove("rotation_euler")
+    bpy.context.scene.frame_set(1)
+    before = render(tmp_path / "before.exr")
+    assert bpy.ops.object.stipple_apply_transform(location=False) == {"FINISHED"}
+    assert psnr(render(tmp_path / "after.exr"), before) > 60
+    b_object.keyframe_insert("scale", frame=1)
+    b_track = b_object.animation_data.nla_tracks.new()
+    b_strip = b_track.strips.new("Strip", 1, b_object.animation_data.action)
+    b_strip.action_slot = b_object.animation_data.action_slot
+    b_object.animation_data.action = None
+    with pytest.raises(RuntimeError, match="its scale, location is keyed or driven"):
+        bpy.ops.object.stipple_apply_transform()
+
+
+def test_an_object_that_plays_a_sequence_is_refused() -> None:
+    """Its files stay as they are."""
+    b_object = placed_capture()
+    b_object.stipple_sequence.enabled = True
+    with pytest.raises(RuntimeError, match="Capture: it plays a sequence of files, which stay as they are; turn the"):
+        bpy.ops.object.stipple_apply_transform()
 
 
 def test_refusals_change_nothing() -> None:
