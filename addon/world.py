@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The world as the engine's background: a colour, an equirectangular image, or nothing with *Film > Transparent*.
 
-What counts is the Background node at the world output (the one World properties show): its color × strength, or an
-Environment Texture linked to its color, turned by a Mapping node. Other shader nodes are not evaluated.
+What counts is what the camera sees at the world output: the color × strength of a Background (which World properties
+show), or an Environment Texture linked to its color. `world_nodes` says which nodes are followed.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ..engine.colour import display_from_scene_linear, linear_from_srgb, working_space_from_rec709
 from ..engine.scene import Background, Environment, EnvironmentImage
+from .world_nodes import Notices, environment_from_world, origin_of, surface_of, value_of
 
 LARGEST_LIGHT = 65504.0  # of a half float; what an infinite pixel of an OpenEXR file was before it overflowed
 IMAGES_KEPT = 2
@@ -68,30 +69,52 @@ images = WorldImages()
 
 
 def background_of(b_scene: Any) -> tuple[Background, str]:
-    """What is behind the splats, and a sentence on what of the world is not shown, mostly empty.
+    """What is behind the splats, and what of the world is not shown, in sentences, mostly empty.
 
-    A world without a Background node gives its viewport color, no world gives black. An image that is missing or of a
-    kind that Stipple does not show gives the Background node's own color.
+    Nodes that are not evaluated give way to the world's viewport color, an image that is missing or of a kind that
+    Stipple does not show to the color of the node it is linked to. No world, and nothing at its output, is black.
     """
+    b_world = b_scene.world
     if b_scene.render.film_transparent:
         return None, ""
-    b_node = _background_node(b_scene.world)
-    if b_node is None:
-        return _encoded((0.0, 0.0, 0.0) if b_scene.world is None else tuple(b_scene.world.color)), ""
-    strength = b_node.inputs["Strength"].default_value
-    b_texture = _linked(b_node.inputs["Color"])
-    notice = ""
-    if b_texture is not None and b_texture.type == "TEX_ENVIRONMENT":
-        notice = _problem_of(b_texture)
-        if not notice:
-            image = images.image_of(b_texture.image, working_space())
-            affine, notice = _environment_from_world(b_texture)
-            return Environment(image, _rows(affine), strength), notice or _colour_space_notice(b_texture.image)
-    elif b_texture is not None:
-        name = b_texture.name
-        notice = f"World: the node {name!r} is not evaluated; link an Environment Texture to the Background's Color."
-    red, green, blue, _ = b_node.inputs["Color"].default_value
-    return _encoded((red * strength, green * strength, blue * strength)), notice
+    if b_world is None or not _uses_nodes(b_world):
+        return _encoded((0.0, 0.0, 0.0) if b_world is None else tuple(b_world.color)), ""
+    notices: Notices = {}
+    surface = surface_of(b_world.node_tree, notices)
+    if surface is None:
+        return _encoded(tuple(b_world.color) if notices else (0.0, 0.0, 0.0)), _joined(notices)
+    b_color, strength = surface
+    b_from, _ = origin_of(b_color)
+    if b_from is not None and b_from.node.type == "TEX_ENVIRONMENT":
+        environment = _environment(b_from.node, strength, notices)
+        if environment is not None:
+            return environment, _joined(notices)
+        color = _own_color(b_color)
+    else:
+        color = value_of(b_color, notices)
+    red, green, blue = (float(value) for value in color * strength)
+    return _encoded((red, green, blue)), _joined(notices)
+
+
+def _environment(b_texture: Any, strength: float, notices: Notices) -> Environment | None:
+    problem = _problem_of(b_texture)
+    if problem:
+        notices[problem] = None
+        return None
+    image = images.image_of(b_texture.image, working_space())
+    affine = environment_from_world(b_texture, notices)
+    if notice := _colour_space_notice(b_texture.image):
+        notices[notice] = None
+    return Environment(image, _rows(affine), strength)
+
+
+def _own_color(b_socket: Any) -> npt.NDArray[np.float64]:
+    """An input's color without what is linked to it; an input for shaders has none."""
+    return np.array(getattr(b_socket, "default_value", (0.0, 0.0, 0.0)), np.float64)[:3]
+
+
+def _joined(notices: Notices) -> str:
+    return " ".join(notices)
 
 
 def working_space() -> str:
@@ -105,24 +128,9 @@ def _encoded(colour: tuple[float, float, float]) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
-def _background_node(b_world: Any) -> Any:
-    if b_world is None:
-        return None
+def _uses_nodes(b_world: Any) -> bool:
     uses_nodes = bpy.app.version >= (5, 0, 0) or b_world.use_nodes  # from 5.0 on always, and asking is deprecated
-    b_tree = b_world.node_tree if uses_nodes else None
-    b_output = b_tree.get_output_node("EEVEE") if b_tree else None
-    b_node = _linked(b_output.inputs["Surface"]) if b_output else None
-    return b_node if b_node is not None and b_node.type == "BACKGROUND" else None
-
-
-def _linked(b_socket: Any) -> Any:
-    """The node at the other end of a socket's link, through reroutes; None without one."""
-    while b_socket.is_linked:
-        b_node = b_socket.links[0].from_node
-        if b_node.type != "REROUTE":
-            return b_node
-        b_socket = b_node.inputs[0]
-    return None
+    return uses_nodes and b_world.node_tree is not None
 
 
 def _problem_of(b_texture: Any) -> str:
@@ -144,35 +152,6 @@ def _problem_of(b_texture: Any) -> str:
             "in the Environment Texture. The color is shown instead."
         )
     return ""
-
-
-def _environment_from_world(b_texture: Any) -> tuple[npt.NDArray[np.float64], str]:
-    """(3, 4): what the texture's Vector makes of a direction, and a sentence where that is not evaluated."""
-    affine = np.eye(3, 4)
-    b_node = _linked(b_texture.inputs["Vector"])
-    if b_node is not None and b_node.type == "MAPPING":
-        affine = _mapping(b_node)
-        b_node = _linked(b_node.inputs["Vector"])
-        if b_node is None:
-            return np.hstack([np.zeros((3, 3)), affine[:, 3:]]), ""  # as Blender: one vector for all directions
-    if b_node is not None and b_node.type != "TEX_COORD":
-        return affine, f"World: the node {b_node.name!r} is not evaluated; link Texture Coordinate > Generated instead."
-    return affine, ""
-
-
-def _mapping(b_node: Any) -> npt.NDArray[np.float64]:
-    """A Mapping node's own values as (3, 4); those linked to it are not evaluated."""
-    turn = np.array(b_node.inputs["Rotation"].default_value.to_matrix(), np.float64)
-    scale = np.array(b_node.inputs["Scale"].default_value, np.float64)
-    b_location = b_node.inputs.get("Location")
-    place = np.zeros(3) if b_location is None else np.array(b_location.default_value, np.float64)
-    if b_node.vector_type == "POINT":
-        return np.column_stack([turn * scale, place])
-    inverse = np.divide(1.0, scale, out=np.zeros(3), where=scale != 0)  # as Blender divides
-    if b_node.vector_type == "TEXTURE":
-        linear = inverse[:, None] * turn.T
-        return np.column_stack([linear, -linear @ place])
-    return np.column_stack([turn * (inverse if b_node.vector_type == "NORMAL" else scale), np.zeros(3)])
 
 
 def _content(b_image: Any) -> Key:

@@ -19,7 +19,7 @@ from stipple.engine.colour import scene_linear_from_display
 from stipple.engine.scene import Environment
 
 from .captures import add_camera, add_capture, random_cloud, render, use_stipple
-from .worlds import add_environment, add_world, load_linear, new_image, save_exr, set_light, smooth_sky
+from .worlds import add_environment, add_world, cycles_picture, load_linear, new_image, save_exr, set_light, smooth_sky
 
 pytestmark = pytest.mark.blender
 
@@ -28,18 +28,6 @@ def environment() -> Environment:
     background, notice = background_of(bpy.context.scene)
     assert isinstance(background, Environment) and notice == ""
     return background
-
-
-def cycles_picture(path: Path) -> np.ndarray:
-    """What Cycles sees through pixel centres of an empty scene."""
-    b_scene = bpy.context.scene
-    b_scene.render.engine = "CYCLES"
-    b_scene.cycles.samples, b_scene.cycles.filter_width, b_scene.cycles.use_denoising = 1, 0.01, False
-    b_scene.cycles.use_adaptive_sampling = False
-    b_scene.cycles.pixel_filter_type = "BOX"
-    picture = render(path)
-    b_scene.render.engine = "STIPPLE"
-    return picture
 
 
 def test_a_color_is_encoded_for_display() -> None:

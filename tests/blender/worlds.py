@@ -9,6 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .captures import render
+
 
 def add_world(color: tuple[float, float, float] = (0.0, 0.0, 0.0), strength: float = 1.0) -> Any:
     """The scene's new world: returns its Background node."""
@@ -76,3 +78,15 @@ def smooth_sky(brightest: float = 8.0, shape: tuple[int, int] = (64, 128)) -> np
     return np.stack(
         [brightest * (0.55 + 0.4 * wave * np.sin(down) ** 2 + 0.05 * np.cos(down)) for wave in waves], axis=2
     )
+
+
+def cycles_picture(path: Path) -> np.ndarray:
+    """What Cycles sees through pixel centres of an empty scene."""
+    b_scene = bpy.context.scene
+    b_scene.render.engine = "CYCLES"
+    b_scene.cycles.samples, b_scene.cycles.filter_width, b_scene.cycles.use_denoising = 1, 0.01, False
+    b_scene.cycles.use_adaptive_sampling = False
+    b_scene.cycles.pixel_filter_type = "BOX"
+    picture = render(path)
+    b_scene.render.engine = "STIPPLE"
+    return picture
