@@ -30,6 +30,8 @@ COLUMNS: dict[str, tuple[str, int, type]] = {
     "FLOAT4X4": ("value", 16, np.float32),
 }
 Rows = npt.NDArray[np.integer]
+Columns = dict[str, tuple[str, npt.NDArray[Any]]]
+"""Attributes by name: their type, and a row of values (N, width) for each point."""
 
 
 def check_points_only(b_data: Any, name: str) -> None:
@@ -38,7 +40,12 @@ def check_points_only(b_data: Any, name: str) -> None:
         raise StippleError(f"{name}: its mesh has edges or faces; edit a capture of loose points only.")
     if isinstance(b_data, bpy.types.Mesh) and b_data.shape_keys:
         raise StippleError(f"{name}: its mesh has shape keys; remove them before changing the number of splats.")
-    for b_attribute in _own(b_data):
+    check_columns(points_own(b_data), name)
+
+
+def check_columns(b_attributes: list[Any], name: str) -> None:
+    """Raises StippleError, naming `name`, for an attribute of a type whose values cannot be moved."""
+    for b_attribute in b_attributes:
         if b_attribute.data_type not in COLUMNS:
             raise StippleError(
                 f"{name}: the attribute {b_attribute.name!r} is {b_attribute.data_type}, which cannot follow "
@@ -46,27 +53,31 @@ def check_points_only(b_data: Any, name: str) -> None:
             )
 
 
-def replace_points(b_data: Any, rows: Rows, name: str, rewritten: Collection[str] = ()) -> None:
-    """Point k becomes what point rows[k] was; a negative row gives a point whose attributes are all 0.
+def replace_points(
+    b_data: Any, rows: Rows, name: str, rewritten: Collection[str] = (), added: Columns | None = None
+) -> None:
+    """Point k becomes what point rows[k] was; a negative row gives a point whose attributes are those of the next row
+    of `added`, and all others 0. Attributes that only `added` has are made.
 
     Attributes called in `rewritten` are left undefined, for whoever writes them next. Raises StippleError as
     `check_points_only`; everything that needs memory comes before the first change.
     """
     check_points_only(b_data, name)
-    count = len(b_data.attributes["position"].data)
-    blank = rows < 0
+    added, blank = added or {}, rows < 0
     source = np.where(blank, 0, rows)
     columns: list[tuple[str, str, npt.NDArray[Any] | None]] = []
-    for b_attribute in _own(b_data):
-        if b_attribute.name in rewritten:
-            columns.append((b_attribute.name, b_attribute.data_type, None))
-            continue
-        element, width, kind = COLUMNS[b_attribute.data_type]
-        values: npt.NDArray[Any] = np.empty((count, width), kind)
-        b_attribute.data.foreach_get(element, values.reshape(-1))
-        taken = np.take(values, source, axis=0)
-        taken[blank] = 0
+    for b_attribute in points_own(b_data):
+        taken = None
+        if b_attribute.name not in rewritten:
+            taken = np.take(values_of(b_attribute), source, axis=0)
+            taken[blank] = added[b_attribute.name][1] if b_attribute.name in added else 0
         columns.append((b_attribute.name, b_attribute.data_type, taken))
+    known = [attribute for attribute, _, _ in columns]
+    for attribute, (data_type, values) in added.items():
+        if attribute not in known:
+            taken = np.zeros((len(rows), values.shape[1]), values.dtype)
+            taken[blank] = values
+            columns.append((attribute, data_type, taken))
     resize_points(b_data, len(rows))
     for attribute, data_type, kept in columns:
         if attribute not in b_data.attributes:
@@ -75,6 +86,14 @@ def replace_points(b_data: Any, rows: Rows, name: str, rewritten: Collection[str
             b_data.attributes[attribute].data.foreach_set(COLUMNS[data_type][0], kept.reshape(-1))
 
 
-def _own(b_data: Any) -> list[Any]:
+def values_of(b_attribute: Any) -> npt.NDArray[Any]:
+    """(N, width) of a point attribute of a type in `COLUMNS`, a copy."""
+    element, width, kind = COLUMNS[b_attribute.data_type]
+    values: npt.NDArray[Any] = np.empty((len(b_attribute.data), width), kind)
+    b_attribute.data.foreach_get(element, values.reshape(-1))
+    return values
+
+
+def points_own(b_data: Any) -> list[Any]:
     """Point attributes that are not Blender's internal ones."""
     return [b_one for b_one in b_data.attributes if b_one.domain == "POINT" and not b_one.name.startswith(".")]

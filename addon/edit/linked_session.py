@@ -18,7 +18,7 @@ from ...engine.look import Look
 from ...engine.scene import Instance
 from ...engine.splats import SplatCloud
 from .. import linked_edits
-from ..point_rows import Rows
+from ..point_rows import Columns, Rows
 from ..residency import linked, worker
 from .preview import LinkedPreview
 from .session import EditSession
@@ -57,7 +57,9 @@ class LinkedSession(EditSession):
             self.cloud.show(edits)
         return True
 
-    def commit(self, b_data: Any, step: Step, sources: Rows | None = None, done: bool = False) -> bool:
+    def commit(
+        self, b_data: Any, step: Step, sources: Rows | None = None, done: bool = False, added: Columns | None = None
+    ) -> bool:
         """See `EditSession.commit`; what is written is the edits' token. Refuses steps that append splats."""
         if step.changed == 0:
             return False

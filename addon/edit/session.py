@@ -10,7 +10,6 @@ Of a linked capture the datablock has a token of the edits (`linked_session`), w
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -28,7 +27,7 @@ from ..content_keys import attributes_of, key_after, key_of
 from ..evaluated_copy import evaluated_copy
 from ..kept_for_file import kept_for_file
 from ..linked_capture import is_linked
-from ..point_rows import Rows, check_points_only, replace_points
+from ..point_rows import Columns, Rows, check_points_only, points_own, replace_points
 from ..sequence import plays
 from ..splat_data import (
     cloud_from_datablock,
@@ -38,6 +37,7 @@ from ..splat_data import (
     write_arrays,
     write_states,
 )
+from .editing_device import editing_device
 from .preview import Preview
 from .session_history import SessionHistory
 from .solid import show_points
@@ -96,39 +96,42 @@ class EditSession:
         """The flags (N,) uint32; on a CPU a view, valid until the next edit."""
         return self.cloud.state.numpy()
 
-    def commit(self, b_data: Any, step: Step, sources: Rows | None = None, done: bool = False) -> bool:
+    def commit(
+        self, b_data: Any, step: Step, sources: Rows | None = None, done: bool = False, added: Columns | None = None
+    ) -> bool:
         """Does a step, unless it is `done`, and writes what it changed; False where it changes nothing.
 
         `sources`: for steps that append splats, which splat each of them takes its other attributes from; negative for
-        none. When anything fails, cloud and datablock are as before and the error goes on.
+        the next row of `added`. When anything fails, cloud and datablock are as before and the error goes on.
         """
         if step.changed == 0:
             return False
+        attributes = {b_attribute.name for b_attribute in points_own(b_data)}
         try:
             if sources is not None:
                 check_points_only(b_data, self.name)
             if not done:
                 step.apply(self.cloud)
                 done = True
-            if self._write(b_data, sources):
+            if self._write(b_data, sources, added):
                 self._history.record(step, self._key)
         except BaseException:
             if done:
                 step.revert(self.cloud)
-                self._write_back(b_data)
+                self._write_back(b_data, attributes)
             raise
         bpy.context.view_layer.update()  # now: a tag that comes later is not this session's
         self.in_doubt = False
         return True
 
-    def _write(self, b_data: Any, sources: Rows | None) -> bool:
+    def _write(self, b_data: Any, sources: Rows | None, added: Columns | None) -> bool:
         """Writes the arrays that changed; whether there are some beside the flags."""
         cloud, now = self.snapshot(), self.cloud.versions
         changed = {name for name in now if now[name] != self._written[name]}
         if sources is not None:
             before = np.arange(splat_count_of(b_data))
             rows = np.concatenate([before, sources])
-            replace_points(b_data, rows, self.name, attributes_of(changed, self.cloud.rest_count))
+            replace_points(b_data, rows, self.name, attributes_of(changed, self.cloud.rest_count), added)
         write_arrays(b_data, cloud, changed)
         if "state" in changed:
             write_states(b_data, self.states())
@@ -141,8 +144,10 @@ class EditSession:
         residency.clouds.know(self._key, cloud)
         return True
 
-    def _write_back(self, b_data: Any) -> None:
-        """After a failed writing, once the step is reverted."""
+    def _write_back(self, b_data: Any, attributes: set[str]) -> None:
+        """After a failed writing, once the step is reverted; `attributes` are those that points had before."""
+        for attribute in {b_attribute.name for b_attribute in points_own(b_data)} - attributes:
+            b_data.attributes.remove(b_data.attributes[attribute])
         count = self.cloud.splat_count
         if splat_count_of(b_data) != count:
             replace_points(b_data, np.arange(count), self.name)
@@ -230,22 +235,6 @@ def session_of(b_object: Any, device: str, progress: Progress, by_hand: bool = F
     while len(_sessions) > MOST_SESSIONS:
         _sessions.pop(next(iter(_sessions)))
     return session
-
-
-def editing_device(
-    device: str, progress: Callable[[float, str], None] = lambda fraction, text: None, part: str = "edit"
-) -> wp.Device:
-    """The device for edits, the kernels of a method or "edit" loaded. Imports Warp; for the interface's thread.
-
-    Waits for the viewports only while kernels are loaded: what edits launch after that runs beside them.
-    Raises StippleError for a device that is not there.
-    """
-    if not residency.is_prepared(device, part):
-        with residency.worker.final_render(lambda: None):
-            residency.prepare(device, part, progress)
-    from ...engine.device import choose_device
-
-    return choose_device(device)
 
 
 def check_editable(b_object: Any) -> None:

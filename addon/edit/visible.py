@@ -15,9 +15,10 @@ from ...engine.scene import Instance, Scene
 from ...engine.settings import Settings
 from .. import residency, sync
 from ..kept_for_file import kept_for_file
+from .editing_device import editing_device
 from .operator import world_from_object
 from .screen import look_in
-from .session import EditSession, editing_device
+from .session import EditSession
 
 if TYPE_CHECKING:
     from ...engine.edit.mask import Mask

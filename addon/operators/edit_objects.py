@@ -10,17 +10,20 @@ import numpy as np
 from bpy.props import BoolProperty, FloatVectorProperty
 from mathutils import Matrix
 
+from ...engine.edit.state_bits import DELETED
 from ...engine.errors import StippleError
+from ...engine.splats import ARRAY_NAMES, SplatCloud
 from .. import sync
 from ..edit.mode import OnActiveCapture, Reported, edited_object
 from ..edit.operator import SplatOperator, busy, redraw, session_in
 from ..edit.pairs import PairsOperator
 from ..edit.session import check_editable, session_of
 from ..linked_capture import is_linked
+from ..own_attributes import joined_columns, own_columns, put_columns
 from ..placing import LetGo, stand_at
-from ..point_rows import check_points_only
+from ..point_rows import Columns, check_points_only
 from ..sequence import plays
-from ..splat_data import cloud_from_datablock, datablock_from_cloud, is_capture_object
+from ..splat_data import cloud_from_datablock, datablock_from_cloud, is_capture_object, states_of
 
 
 class STIPPLE_OT_separate(SplatOperator, bpy.types.Operator):
@@ -34,8 +37,13 @@ class STIPPLE_OT_separate(SplatOperator, bpy.types.Operator):
             b_object, session = edited_object(context), session_in(context)
             with busy(context) as progress:
                 cloud, step = session.separate(b_object.name, progress)
+            columns = {}  # a linked capture's points are not its splats
+            if not is_linked(b_object.data):
+                rows = session.cloud.selection().indices().numpy()
+                columns = own_columns(b_object.data, rows, b_object.name)
             b_data = datablock_from_cloud(cloud, b_object.name)
             try:
+                put_columns(b_data, columns)
                 for b_material in b_object.data.materials:
                     b_data.materials.append(b_material)
                 session.commit(b_object.data, step)
@@ -77,13 +85,15 @@ class STIPPLE_OT_join(bpy.types.Operator):
             b_active = context.object
             b_others = [b_object for b_object in context.selected_objects if b_object is not b_active]
             self._check(b_active, b_others)
-            joined = merge_clouds([_kept_in(b_other, b_active.matrix_world) for b_other in b_others])
+            parts = [_kept_in(b_other, b_active.matrix_world) for b_other in b_others]
+            joined = merge_clouds([cloud for cloud, _ in parts])
+            added = joined_columns(b_active.data, b_active.name, parts)
             with busy(context) as progress:
                 session = session_of(b_active, sync.DEVICE[context.scene.stipple.device], progress)
             sources = np.full(joined.splat_count, -1)
             b_children = [b_child for b_other in b_others for b_child in b_other.children if b_child not in b_others]
             with LetGo(b_children, context):  # or they would move when their parents are gone, the active one too
-                session.commit(b_active.data, append_cloud(session.cloud, joined), sources)
+                session.commit(b_active.data, append_cloud(session.cloud, joined), sources, added=added)
             for b_other in b_others:
                 b_data = b_other.data
                 bpy.data.objects.remove(b_other)
@@ -111,24 +121,24 @@ class STIPPLE_OT_join(bpy.types.Operator):
             raise StippleError(f"{b_active.name}: its scale is zero; give every axis a scale to join into it.")
 
 
-def _kept_in(b_object: Any, b_matrix_world: Matrix) -> Any:
-    """An object's splats that are not deleted, in the space of an object with the given matrix."""
-    from ...engine.edit.state_bits import DELETED
+def _kept_in(b_object: Any, b_matrix_world: Matrix) -> tuple[SplatCloud, Columns]:
+    """An object's splats that are not deleted, in the space of an object with the given matrix, and what they carry."""
     from ...engine.edit.transform import transform_cloud
-    from ...engine.splats import ARRAY_NAMES, SplatCloud
-    from ..splat_data import states_of
 
     cloud, dropped = cloud_from_datablock(b_object.data, b_object.name)
     if cloud is None or dropped:
         raise StippleError(f"{b_object.name}: {dropped:,} splats have invalid values; use Delete Invalid first.")
     states = states_of(b_object.data)
-    if states is not None and (states & DELETED).any():
-        kept = (states & DELETED) == 0
+    kept = np.ones(cloud.splat_count, bool) if states is None else (states & DELETED) == 0
+    if not kept.any():
+        raise StippleError(f"{b_object.name}: every splat is deleted; restore some, or do not select it.")
+    if not kept.all():
         cloud = SplatCloud(**{name: getattr(cloud, name)[kept] for name in ARRAY_NAMES}, name=b_object.name)
+    columns = own_columns(b_object.data, np.flatnonzero(kept), b_object.name)
     if b_object.matrix_world == b_matrix_world:
-        return cloud
+        return cloud, columns
     to_world, to_other = np.array(b_object.matrix_world, np.float64), np.array(b_matrix_world, np.float64)
-    return transform_cloud(cloud, np.linalg.solve(to_other, to_world)[:3])
+    return transform_cloud(cloud, np.linalg.solve(to_other, to_world)[:3]), columns
 
 
 class STIPPLE_OT_align_points(OnActiveCapture, PairsOperator, bpy.types.Operator):

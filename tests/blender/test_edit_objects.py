@@ -106,6 +106,53 @@ def test_separate_and_join_bring_everything_back() -> None:
     assert [b_one.name for b_one in bpy.context.scene.objects] == ["Capture"]
 
 
+def add_ages(b_object: Any, first: int) -> None:
+    """A user's own attribute, `first` and up."""
+    ages = np.arange(first, first + len(b_object.data.attributes["position"].data), dtype=np.int32)
+    b_object.data.attributes.new("age", "INT", "POINT").data.foreach_set("value", ages)
+
+
+def ages_of(b_object: Any) -> np.ndarray:
+    return np.frombuffer(every_byte(b_object.data)["age"][1], np.int32)
+
+
+def test_separate_and_join_take_other_attributes_along() -> None:
+    b_object = edited()
+    add_ages(b_object, 1)
+    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1.0)
+    chosen = flags(b_object, SELECTED)
+    bpy.ops.stipple.separate()
+    (b_new,) = set(bpy.context.scene.objects) - {b_object}
+    assert np.array_equal(ages_of(b_new), 1 + np.flatnonzero(chosen))
+    b_plain = add_capture(random_cloud(20), "Plain")
+    activate(b_plain)
+    b_new.select_set(True)
+    assert bpy.ops.stipple.join() == {"FINISHED"}
+    assert np.array_equal(ages_of(b_plain), [0] * 20 + list(1 + np.flatnonzero(chosen)))
+    b_third = add_capture(random_cloud(10), "Third")
+    add_ages(b_third, 500)
+    b_third.select_set(True)
+    assert bpy.ops.stipple.join() == {"FINISHED"}
+    assert np.array_equal(ages_of(b_plain)[-10:], np.arange(500, 510)) and ages_of(b_plain)[:20].max() == 0
+
+
+def test_what_cannot_be_carried_is_not_joined() -> None:
+    """Values of two types have no common one, and texts cannot be moved."""
+    b_one, b_two = add_capture(random_cloud(20), "One"), add_capture(random_cloud(10), "Two")
+    b_two.data.attributes.new("age", "FLOAT", "POINT")
+    add_ages(b_one, 0)
+    activate(b_one)
+    b_two.select_set(True)
+    before = every_byte(b_one.data)
+    with refused("Two", "'age' is FLOAT, and INT in One"):
+        bpy.ops.stipple.join()
+    b_two.data.attributes.remove(b_two.data.attributes["age"])
+    b_two.data.attributes.new("note", "STRING", "POINT")
+    with refused("Two", "'note' is STRING"):
+        bpy.ops.stipple.join()
+    assert every_byte(b_one.data) == before and "Two" in bpy.data.objects
+
+
 def test_join_fits_degrees_and_places(tmp_path: Path) -> None:
     """The picture is the same before and after, to the rounding of float32."""
     use_stipple(48, 36)
@@ -192,7 +239,8 @@ def test_typed_numbers() -> None:
 def test_out_of_memory_in_the_middle_of_writing(call: str, attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever was written is taken back, the number of points too, and the next edit works."""
     b_object = edited()
-    b_other = add_capture(random_cloud(seed=5, degree=2), "Other")
+    b_other = add_capture(random_cloud(seed=5, degree=3), "Other")
+    add_ages(b_other, 0)
     bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1.0)
     before, real, failed = every_byte(b_object.data), splat_data.write_attribute, []
 
