@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
-from .cameras_file import CameraFile
+if TYPE_CHECKING:
+    from .cameras_file import CameraFile
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".exr")  # in order of preference
 IMAGE_FOLDERS = (".", "images", "../images", "../../images")  # the last: images beside COLMAP's sparse/0
+
+Listings = dict[Path, dict[str, Path]]
 
 
 def name_without_suffix(name: str) -> str:
@@ -26,11 +30,12 @@ def find_images(file: CameraFile) -> tuple[Path | None, ...]:
     takes a file that has one. Letters in another case count where nothing else is found. Raises nothing: a folder
     that cannot be read has no images.
     """
-    folders: dict[Path, dict[str, Path]] = {}
-    return tuple(_find(file.folder, name, folders) for name in file.names)
+    folders: Listings = {}
+    return tuple(find_image(file.folder, name, folders) for name in file.names)
 
 
-def _find(base: Path, name: str, folders: dict[Path, dict[str, Path]]) -> Path | None:
+def find_image(base: Path, name: str, folders: Listings) -> Path | None:
+    """As `find_images` for one name in a camera file that lies in `base`; `folders` keeps what was listed."""
     given = Path(name.replace("\\", "/"))
     if not given.name:
         return None

@@ -29,7 +29,7 @@ class Entry:
 class Fields:
     """Keys of one camera, looked up in the entry first and then in what the file says for all of them.
 
-    Every getter raises StippleError for a missing key or a value of another kind.
+    A key that is null counts as missing. Every getter raises StippleError for a missing key or a value of another kind.
     """
 
     def __init__(self, path: Path, index: int, *sources: Mapping[str, Any]) -> None:
@@ -38,14 +38,14 @@ class Fields:
         self._sources = sources
 
     def has(self, key: str) -> bool:
-        return any(key in source for source in self._sources)
+        return any(source.get(key) is not None for source in self._sources)
 
     def fail(self, key: str, problem: str) -> StippleError:
         return StippleError(f"{self.path}: camera {self.index}: {key} {problem}.")
 
     def value(self, key: str) -> Any:
         for source in self._sources:
-            if key in source:
+            if source.get(key) is not None:
                 return source[key]
         raise self.fail(key, "is missing; add it to the file")
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .camera_images import Listings, find_image
 from .cameras_entry import Entry, Fields, camera_from_world_of, entry_mapping
+from .image_size import size_of_image
 
 GSPLAT_NEAR = 0.01  # gsplat's near_plane, which nerfstudio's splatfacto leaves at its default [world units]
 PINHOLE_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
@@ -21,7 +23,8 @@ def parse(document: dict[str, Any], path: Path) -> list[Entry]:
     """Cameras of `frames`, in the file's order (nerfstudio itself sorts them by name before it splits them).
 
     - `w`, `h`, `fl_x`, `fl_y`, `cx`, `cy` [px] or `camera_angle_x`, `camera_angle_y` [rad], in the frame or for all
-      frames. `fl_y` defaults to `fl_x`, the principal point to the centre.
+      frames. `fl_y` defaults to `fl_x`, the principal point to the centre. Where `w` and `h` are both missing, as in
+      NeRF's synthetic scenes, the size is that of the frame's image.
     - `transform_matrix` (4×4 or 3×4) is world-from-camera with OpenGL's axes (x right, y up, z backward): its second
       and third columns change sign here.
     - `applied_transform` is the map nerfstudio had already multiplied onto the poses when it wrote the file. It is
@@ -33,17 +36,18 @@ def parse(document: dict[str, Any], path: Path) -> list[Entry]:
 
     Raises StippleError naming the file, the camera and the key.
     """
+    folders: Listings = {}
     return [
-        _parse_one(Fields(path, index, entry_mapping(path, index, item), document))
+        _parse_one(Fields(path, index, entry_mapping(path, index, item), document), folders)
         for index, item in enumerate(document["frames"])
     ]
 
 
-def _parse_one(fields: Fields) -> Entry:
+def _parse_one(fields: Fields, folders: Listings) -> Entry:
     model = fields.value("camera_model") if fields.has("camera_model") else "PINHOLE"
     if model not in PINHOLE_MODELS:
         raise fields.fail("camera_model", f"is {model!r}; undistort the images to a pinhole model first")
-    width, height = fields.size("w"), fields.size("h")
+    width, height = _size(fields, folders)
     fx, fy = _focal_lengths(fields, width, height)
     camera = fields.camera(
         _camera_from_world(fields),
@@ -57,6 +61,16 @@ def _parse_one(fields: Fields) -> Entry:
     )
     name = fields.value("file_path") if fields.has("file_path") else fields.index
     return Entry(camera, str(name), _distortion_warnings(fields))
+
+
+def _size(fields: Fields, folders: Listings) -> tuple[int, int]:
+    """(width, height) [px] as the file says or as the image has them."""
+    if fields.has("w") or fields.has("h") or not fields.has("file_path"):
+        return fields.size("w"), fields.size("h")
+    image = find_image(fields.path.parent, str(fields.value("file_path")), folders)
+    if image is None:
+        raise fields.fail("w", "and h are missing, and so is the image that would tell them; add them to the file")
+    return size_of_image(image)
 
 
 def _focal_lengths(fields: Fields, width: int, height: int) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -73,7 +74,8 @@ def _check_points(path: Path, where: str, line: bytes) -> None:
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     with open_source(path) as file:
-        yield from enumerate(file, start=1)
+        for number, line in enumerate(file, start=1):
+            yield number, line.removeprefix(BOM_UTF8) if number == 1 else line  # some editors write one
 
 
 def _is_remark(line: bytes) -> bool:

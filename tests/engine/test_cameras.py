@@ -124,6 +124,41 @@ def test_distortion_is_left_out_with_one_warning(tmp_path: Path) -> None:
     assert read_camera_file(written(tmp_path, NERFSTUDIO)).warnings == ()
 
 
+def test_null_counts_as_missing(tmp_path: Path) -> None:
+    document = NERFSTUDIO | {"k1": None, "cx": None, "cy": None}
+    file = read_camera_file(written(tmp_path, document))
+    assert file.warnings == () and (file.cameras[0].cx, file.cameras[0].cy) == (100, 50)
+    frame = NERFSTUDIO["frames"][0] | {"fl_x": None}
+    assert read_cameras(written(tmp_path, NERFSTUDIO | {"frames": [frame]}))[0].fx == 100.0
+    with pytest.raises(StippleError, match="camera 0: transform_matrix is missing"):
+        read_cameras(written(tmp_path, NERFSTUDIO | {"frames": [{"transform_matrix": None}]}))
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_without_a_size_it_is_the_images(tmp_path: Path, suffix: str) -> None:
+    """NeRF's synthetic scenes: a field of view, and images without a suffix in a folder beside the file."""
+    image = pytest.importorskip("PIL.Image")
+    (tmp_path / "train").mkdir()
+    image.new("RGB", (80, 60)).save(tmp_path / "train" / f"r_0.{suffix}")
+    frame = NERFSTUDIO["frames"][0] | {"file_path": "./train/r_0", "rotation": 0.01}
+    document = {"camera_angle_x": 2 * np.arctan(0.5), "frames": [frame]}
+    (camera,) = read_cameras(written(tmp_path, document))
+    assert (camera.width, camera.height, camera.cx, camera.cy) == (80, 60, 40, 30)
+    assert camera.fx == camera.fy == pytest.approx(80)
+    with pytest.raises(StippleError, match=r"views\.json: camera 0: h is missing"):
+        read_cameras(written(tmp_path, document | {"w": 80}))
+    path = tmp_path / "train" / f"r_0.{suffix}"
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(StippleError, match=r"r_0\.\w+: the image is damaged; copy it again"):
+        read_cameras(written(tmp_path, document))
+    path.write_bytes(b"BM")
+    with pytest.raises(StippleError, match="neither PNG nor JPEG"):
+        read_cameras(written(tmp_path, document))
+    path.unlink()
+    with pytest.raises(StippleError, match="camera 0: w and h are missing, and so is the image"):
+        read_cameras(written(tmp_path, document))
+
+
 def test_names_and_index(tmp_path: Path) -> None:
     file = read_camera_file(written(tmp_path, [INRIA_ENTRY, INRIA_ENTRY | {"img_name": "back", "fx": 50}]))
     assert file.names == ("front", "back")

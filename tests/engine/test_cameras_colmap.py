@@ -221,6 +221,17 @@ def test_bad_binary_files_get_one_sentence(tmp_path: Path) -> None:
         assert_one_sentence(tmp_path, rf"images\.bin: .*{words}")
 
 
+def test_text_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    write_text(tmp_path, [PINHOLE], [FRONT])
+    wanted = read_cameras(tmp_path)[0]
+    for stem in ("cameras", "images"):
+        path = tmp_path / f"{stem}.txt"
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    (camera,) = read_cameras(tmp_path)
+    np.testing.assert_array_equal(camera.camera_from_world, wanted.camera_from_world)
+    assert (camera.fx, camera.width) == (wanted.fx, wanted.width)
+
+
 def test_names_with_spaces_and_folders(tmp_path: Path) -> None:
     for write in WRITERS.values():
         write(tmp_path, [PINHOLE], [View(1, (1, 0, 0, 0), (0, 0, 5), 1, "left eye/0001 b.jpg")])
