@@ -13,7 +13,7 @@ from bpy.app.handlers import persistent
 
 from .splat_data import POINT_TYPES
 
-GROUPS = ("stipple",)  # of objects, those with settings that can be overridden
+GROUPS = ("stipple", "stipple_sequence")  # of objects, those with settings that can be overridden
 
 
 @persistent

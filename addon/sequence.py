@@ -19,7 +19,7 @@ from ..engine.formats import LoadedSplats, read_splats
 from ..engine.formats.sequence import NumberedFiles, Playback, find_numbered
 from ..engine.splats import SplatCloud
 from .sequence_cache import SequenceClouds
-from .sequence_paths import path_of
+from .sequence_paths import note_folder, path_of
 
 AHEAD = 2  # files that are read before they are needed, per object
 FRAMES_AHEAD = 24  # among which they are looked for
@@ -36,48 +36,68 @@ def _changed(b_sequence: Any, _context: Any) -> None:
     b_sequence.id_data.update_tag()
 
 
+def _path_changed(b_sequence: Any, b_context: Any) -> None:
+    note_folder(b_sequence.id_data)
+    _changed(b_sequence, b_context)
+
+
+def _options(**values: Any) -> dict[str, Any]:
+    return {"override": {"LIBRARY_OVERRIDABLE"}, "update": _changed, **values}
+
+
 class StippleSequence(bpy.types.PropertyGroup):
     """Which files an object plays, and when; everything but the file can be animated."""
 
     enabled: BoolProperty(  # type: ignore[valid-type]
-        name="Play Sequence",
-        description="Show a file for each frame instead of the splats of the object's data",
-        default=False,
-        update=_changed,
+        **_options(
+            name="Play Sequence",
+            description="Show a file for each frame instead of the splats of the object's data",
+            default=False,
+        )
     )
     filepath: StringProperty(  # type: ignore[valid-type]
-        name="File",
-        description="One of the numbered files; those beside it that differ by the number only belong to the sequence",
-        subtype="FILE_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        update=_changed,
+        **_options(
+            name="File",
+            description="One of the numbered files; those beside it that differ by the number only belong to the "
+            "sequence",
+            subtype="FILE_PATH",
+            options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+            update=_path_changed,
+        )
+    )
+    relative_to: StringProperty(  # type: ignore[valid-type]  # see `sequence_paths`
+        options={"HIDDEN"}, override={"LIBRARY_OVERRIDABLE"}
     )
     frame_start: IntProperty(  # type: ignore[valid-type]
-        name="Start Frame",
-        description="Frame that shows the first file, or the last one when playing backward",
-        default=1,
-        update=_changed,
+        **_options(
+            name="Start Frame",
+            description="Frame that shows the first file, or the last one when playing backward",
+            default=1,
+        )
     )
     speed: FloatProperty(  # type: ignore[valid-type]
-        name="Speed",
-        description="Files per frame; below 1 files stay for several frames, a negative speed plays backward",
-        default=1.0,
-        soft_min=-10.0,
-        soft_max=10.0,
-        update=_changed,
+        **_options(
+            name="Speed",
+            description="Files per frame; below 1 files stay for several frames, a negative speed plays backward",
+            default=1.0,
+            soft_min=-10.0,
+            soft_max=10.0,
+        )
     )
     frame_offset: IntProperty(  # type: ignore[valid-type]
-        name="Offset",
-        description="Files to skip; animate it with a speed of 0 to choose the file for each frame",
-        default=0,
-        update=_changed,
+        **_options(
+            name="Offset",
+            description="Files to skip; animate it with a speed of 0 to choose the file for each frame",
+            default=0,
+        )
     )
     loop: EnumProperty(  # type: ignore[valid-type]
-        name="Outside Range",
-        description="What to show before the first and after the last file",
-        items=LOOPS,
-        default="EXTEND",
-        update=_changed,
+        **_options(
+            name="Outside Range",
+            description="What to show before the first and after the last file",
+            items=LOOPS,
+            default="EXTEND",
+        )
     )
 
 
@@ -186,7 +206,7 @@ def playback_of(b_object: Any) -> Playback:
 
 def register() -> None:
     bpy.utils.register_class(StippleSequence)
-    bpy.types.Object.stipple_sequence = PointerProperty(type=StippleSequence)
+    bpy.types.Object.stipple_sequence = PointerProperty(type=StippleSequence, override={"LIBRARY_OVERRIDABLE"})
 
 
 def unregister() -> None:
