@@ -12,6 +12,7 @@ import bpy
 from ..engine.errors import StippleError
 from ..engine.scene import Instance, Scene
 from . import residency, sync, world
+from .crop_lists import cropped_objects, evaluate_again, with_other_lists
 from .edit.preview import shown_previews
 from .sequence import SequencePlayer
 from .view_camera import view_of
@@ -43,6 +44,7 @@ class Viewport:
         self._display = Display()
         self._known = residency.EvaluatedClouds(residency.clouds)
         self._player = SequencePlayer(residency.sequences, PATIENCE, redraw)
+        self._cropped: frozenset[str] = frozenset()
         self._instances: tuple[Instance, ...] = ()
         self._scene = Scene(())
         self._visibility: tuple[object, ...] | None = None
@@ -61,6 +63,8 @@ class Viewport:
         b_space, b_scene = context.space_data, depsgraph.scene
         if self._visibility != _visibility(b_space) or self._player.is_stale(b_scene):
             self._read(context, depsgraph, ())
+        if changed := with_other_lists(self._cropped, depsgraph):
+            bpy.app.timers.register(lambda: evaluate_again(changed), first_interval=0.0)
         self._choose_session(b_scene.stipple.method)
         problem = self._aim(context, b_scene)
         self._render_rays()
@@ -116,6 +120,7 @@ class Viewport:
         except MemoryError:
             self._instances, self._notice = (), "Stipple ran out of memory; hide some captures."
         self._scene = Scene(self._instances, self._scene.background)
+        self._cropped = cropped_objects(self._instances)
 
     def _aim(self, context: Any, b_scene: Any) -> str:
         """Tells the session what to show; returns what is wrong with the view or the settings, mostly nothing."""

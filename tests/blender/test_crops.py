@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from stipple.addon import sync
+from stipple.addon.crop_lists import cropped_objects, evaluate_again, with_other_lists
 from stipple.addon.residency import CloudCache
 from stipple.engine.look import MOST_CROPS, Crop, Look
 from tests.oracle.look import kept
 
-from .captures import add_camera, add_capture, random_cloud, render, use_stipple
+from .captures import add_camera, add_capture, in_viewport, random_cloud, render, use_stipple
 from .test_looks import add_crop, looks, read
 from .test_sync import add_empty
 
@@ -178,6 +179,32 @@ def test_a_capture_that_is_linked_without_its_crop_object_is_cropped(tmp_path: P
     np.testing.assert_allclose(matrix, ((0.5, 0, 0, 0.2), (0, 1, 0, 0), (0, 0, 1, 3)), atol=1e-6)
     text = "Capture: the crop object Volume is in no collection here and does not move; link its collection, too."
     assert warnings == ((text,) if moves else ())
+
+
+def test_crops_that_python_takes_from_the_list_are_noticed() -> None:
+    """Blender tells nobody, so that viewports would go on showing them."""
+    b_object = add_capture(random_cloud())
+    add_capture(random_cloud(), "Other")
+    for name in ("First", "Second"):
+        add_crop(b_object, add_empty(name))
+
+    def names_and_crops() -> tuple[frozenset[str], int]:
+        bpy.context.view_layer.update()
+        instances, _ = in_viewport()
+        return cropped_objects(instances), sum(len(instance.look.crops) for instance in instances)
+
+    def changed(names: frozenset[str]) -> list[str]:
+        return with_other_lists(names, bpy.context.evaluated_depsgraph_get())
+
+    crops = b_object.stipple.crops
+    for change, before in ((lambda: crops.remove(0), 2), (crops.clear, 1)):
+        names, count = names_and_crops()
+        assert names == {"Capture"} and count == before and changed(names) == []
+        change()
+        assert names_and_crops()[1] == before  # as long as nobody says so
+        assert changed(names) == ["Capture"]
+        evaluate_again(changed(names))
+        assert names_and_crops()[1] == before - 1 and changed(names) == []
 
 
 def test_more_crops_than_the_engine_has_are_left_out_with_a_notice() -> None:
