@@ -84,10 +84,10 @@ class LinkedSession(EditSession):
 
     def separate(self, name: str, progress: Callable[[float, str], None]) -> tuple[SplatCloud, Step]:
         """See `EditSession.separate`; the cloud has the file's own values, which are read for it."""
+        from ...engine.edit.duplicate import separate_step
         from ...engine.edit.edited_copy import read_selection
-        from ...engine.edit.flags import delete
 
-        step = delete(self.cloud)
+        step = separate_step(self.cloud)
         return read_selection(self._capture, self.cloud.edits, name, progress), step
 
     def _edited(self, edits: CaptureEdits) -> EditedCapture:

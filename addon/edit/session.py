@@ -175,7 +175,7 @@ class EditSession:
         """Raises StippleError where splats cannot be added; asked before anything is done."""
 
     def separate(self, name: str, progress: Progress) -> tuple[SplatCloud, Step]:
-        """The selection as a cloud of its own, and the step that deletes it here. Raises StippleError."""
+        """The selection as a cloud of its own, and the step that takes it away here. Raises StippleError."""
         from ...engine.edit.duplicate import separate
 
         return separate(self.cloud, name)

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...engine.edit.state_bits import DELETED, HIDDEN, LOCKED, SELECTED
+from ...engine.edit.state_bits import DELETED, HIDDEN, LOCKED, SELECTED, SEPARATED
 from ...engine.errors import StippleError
 from ..linked_capture import is_linked
 from ..linked_edits import found_edits
@@ -161,7 +161,7 @@ def counts(b_data: Any) -> dict[str, int]:
         "Selected": int(np.count_nonzero((kept & (SELECTED | HIDDEN | LOCKED)) == SELECTED)),
         "Hidden": int(np.count_nonzero(kept & HIDDEN)),
         "Locked": int(np.count_nonzero(kept & LOCKED)),
-        "Deleted": len(states) - len(kept),
+        "Deleted": int(np.count_nonzero((states & (DELETED | SEPARATED)) == DELETED)),
     }
     return _without_zeros(found)
 
@@ -176,6 +176,7 @@ def _counts_in_file(b_data: Any) -> dict[str, int]:
         return {"Splats": count, "Selected": 0}
     counted = found.edits.counts
     flags = {name.title(): counted[name] for name in ("selected", "hidden", "locked", "deleted")}
+    flags["Deleted"] -= counted["separated"]  # these cannot be restored
     return {"Splats": count - counted["deleted"], **flags}
 
 

@@ -29,13 +29,13 @@ import numpy.typing as npt
 
 from ..capture_fingerprint import Fingerprint
 from ..errors import StippleError
-from .state_bits import DELETED, HIDDEN, LOCKED, SELECTED
+from .state_bits import DELETED, HIDDEN, LOCKED, SELECTED, SEPARATED
 
 Array = npt.NDArray[Any]
 Rows = npt.NDArray[np.int32]
 
 BITS_OF_BYTE = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
-FLAGS = {"selected": SELECTED, "hidden": HIDDEN, "deleted": DELETED, "locked": LOCKED}
+FLAGS = {"selected": SELECTED, "hidden": HIDDEN, "deleted": DELETED, "locked": LOCKED, "separated": SEPARATED}
 VALUES = {"painted_rows": "painted_words", "opacity_rows": "opacity_values", "moved_rows": "moved_by"}
 DTYPES: dict[str, type[np.generic]] = {
     **dict.fromkeys(FLAGS, np.uint8),
@@ -140,7 +140,7 @@ class CaptureEdits:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """How many splats have each flag, of `deleted` all and of others those that are not deleted.
+        """How many splats have each flag: of `deleted` all, some of which are `separated`, and of others the rest.
 
         `selected` are only those that an operation would act on.
         """

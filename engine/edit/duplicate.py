@@ -16,7 +16,7 @@ from .editable_cloud import EditableCloud
 from .mask import Mask, empty_mask
 from .match_space import match_sphere
 from .selection import selected_or_refuse
-from .state import DELETED, SELECTED
+from .state import DELETED, SELECTED, SEPARATED
 from .step import FlagDiff, Step
 
 
@@ -47,12 +47,20 @@ def append_cloud(cloud: EditableCloud, other: SplatCloud) -> Step:
 
 
 def separate(cloud: EditableCloud, name: str | None = None) -> tuple[SplatCloud, Step]:
-    """The selection as a capture of its own, and the step that deletes it here.
+    """The selection as a capture of its own, and `separate_step`. Raises StippleError as that."""
+    step = separate_step(cloud)
+    return cloud.to_cloud(cloud.selection(), name), step
 
-    Raises StippleError when nothing is selected.
+
+def separate_step(cloud: EditableCloud) -> Step:
+    """The step that deletes the selection for good: undo brings it back, `restore` does not.
+
+    Raises StippleError when nothing is selected, or everything, for then no capture would be left.
     """
     chosen = selected_or_refuse(cloud, "separate")
-    return cloud.to_cloud(chosen, name), Step("Separate", (FlagDiff(DELETED, chosen),), chosen.count())
+    if not (cloud.kept() - chosen).count():
+        raise StippleError(f"{cloud.name}: every splat is selected, and none would be left here; deselect some.")
+    return Step("Separate", (FlagDiff(DELETED | SEPARATED, chosen),), chosen.count())
 
 
 def merge_clouds(clouds: Sequence[SplatCloud], name: str | None = None) -> SplatCloud:

@@ -10,7 +10,7 @@ from ..errors import StippleError
 from .editable_cloud import EditableCloud
 from .mask import Mask, mask_from_state
 from .selection import selected_or_refuse
-from .state import DELETED, HIDDEN, LOCKED, SELECTED
+from .state import DELETED, HIDDEN, LOCKED, SELECTED, SEPARATED
 from .step import FlagDiff, Step, flag_step
 
 
@@ -33,8 +33,11 @@ def keep_only(cloud: EditableCloud) -> Step:
 
 
 def restore(cloud: EditableCloud, which: Mask | None = None) -> Step:
-    """The step that brings back deleted splats, of `which` only if given. Raises StippleError when none are deleted."""
-    deleted = mask_from_state(cloud.state, DELETED, 0)
+    """The step that brings back deleted splats, of `which` only if given; not those that became another capture.
+
+    Raises StippleError when none are deleted.
+    """
+    deleted = mask_from_state(cloud.state, DELETED, SEPARATED)
     return _clear(cloud, "Restore", DELETED, deleted if which is None else deleted & which, "no splats are deleted")
 
 
@@ -73,12 +76,13 @@ def unlock(cloud: EditableCloud) -> Step:
 
 
 def counts(cloud: EditableCloud) -> dict[str, int]:
-    """How many splats are what, for a status line: total, selected, hidden, deleted, locked. Reads back."""
+    """How many splats are what, for a status line: total, selected, hidden, deleted, separated, locked."""
     return {
         "total": cloud.splat_count,
         "selected": cloud.selection().count(),
         "hidden": mask_from_state(cloud.state, HIDDEN, DELETED).count(),
-        "deleted": mask_from_state(cloud.state, DELETED, 0).count(),
+        "deleted": mask_from_state(cloud.state, DELETED, SEPARATED).count(),
+        "separated": mask_from_state(cloud.state, DELETED | SEPARATED, 0).count(),
         "locked": mask_from_state(cloud.state, LOCKED, DELETED).count(),
     }
 

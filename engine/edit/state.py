@@ -2,17 +2,18 @@
 """The state of a splat: one 32-bit word, one bit per flag (Splatshop, doi 10.1111/cgf.70214, §3.1).
 
 A kernel reads four bytes to learn whether a splat concerns it, before an order of magnitude more. Flags are independent
-of each other, so that an operation flips one flag (reveal two) and its undo needs one bit per splat: a splat that is
-deleted while selected stays marked as selected, counts as such for nobody (`acts`), and is so again when restored.
+of each other, so that an operation flips one flag (reveal and separate two) and its undo needs one bit per splat: a
+splat that is deleted while selected stays marked as selected, counts as such for nobody (`acts`), and is so again when
+restored.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from .state_bits import DELETED, HIDDEN, LOCKED, NOT_SELECTABLE, SELECTED
+from .state_bits import DELETED, HIDDEN, LOCKED, NOT_SELECTABLE, SELECTED, SEPARATED
 
-__all__ = ["DELETED", "HIDDEN", "LOCKED", "NOT_SELECTABLE", "SELECTED", "acts", "selectable", "shown"]
+__all__ = ["DELETED", "HIDDEN", "LOCKED", "NOT_SELECTABLE", "SELECTED", "SEPARATED", "acts", "selectable", "shown"]
 
 wp.set_module_options({"enable_backward": False})
 

@@ -7,7 +7,8 @@ SELECTED = 1
 HIDDEN = 2
 DELETED = 4
 LOCKED = 8  # shown, but neither selectable nor changeable
-# Bits 4 to 31 are free; whoever takes one adds it here.
+SEPARATED = 16  # deleted because it became another capture: not to be restored, or there would be two of it
+# Bits 5 to 31 are free; whoever takes one adds it here.
 
 NOT_SELECTABLE = HIDDEN | DELETED | LOCKED
 

@@ -14,6 +14,7 @@ from mathutils import Euler, Matrix
 
 from stipple.addon import splat_data
 from stipple.addon.edit.drag import number_of
+from stipple.addon.edit.ui import counts
 from stipple.engine.edit.state import DELETED, SELECTED
 from stipple.engine.edit.transform import transform_cloud
 
@@ -96,6 +97,8 @@ def test_separate_and_join_bring_everything_back() -> None:
     assert b_new.matrix_world == b_object.matrix_world and not b_new.stipple_editing
     assert_same_cloud(cloud_of(b_new), part(before, chosen))
     assert np.array_equal(flags(b_object, DELETED), chosen)
+    with refused("no splats are deleted"):
+        bpy.ops.stipple.restore()
     assert bpy.ops.stipple.edit_mode_toggle() == {"FINISHED"}
     assert_same_cloud(cloud_of(b_object), part(before, ~chosen))
     b_new.select_set(True)
@@ -104,6 +107,27 @@ def test_separate_and_join_bring_everything_back() -> None:
     order = np.concatenate([np.flatnonzero(~chosen), np.flatnonzero(chosen)])
     assert_same_cloud(cloud_of(b_object), part(before, order))
     assert [b_one.name for b_one in bpy.context.scene.objects] == ["Capture"]
+
+
+def test_separated_splats_are_not_restored_and_some_stay() -> None:
+    """Else there would be two of each, or a capture of none."""
+    b_object = edited()
+    bpy.ops.stipple.select_all(action="SELECT")
+    with refused("Capture", "every splat is selected"):
+        bpy.ops.stipple.separate()
+    bpy.ops.stipple.select_sphere(center=(-1, 0, 0), radius=1.0)
+    separated = flags(b_object, SELECTED)
+    seen = every_byte(b_object.data)
+    bpy.ops.ed.undo_push(message="Select")
+    bpy.ops.stipple.separate()
+    bpy.ops.stipple.select_sphere(center=(1, 0, 0), radius=0.5)
+    bpy.ops.stipple.delete()
+    assert counts(b_object.data)["Deleted"] == flags(b_object, DELETED).sum() - separated.sum() > 0
+    bpy.ops.stipple.restore()
+    assert np.array_equal(flags(b_object, DELETED), separated) and "Deleted" not in counts(b_object.data)
+    bpy.ops.ed.undo_push(message="Separate")
+    bpy.ops.ed.undo()
+    assert every_byte(bpy.data.objects["Capture"].data) == seen and len(bpy.data.objects) == 1
 
 
 def add_ages(b_object: Any, first: int) -> None:

@@ -59,10 +59,12 @@ def test_the_selection_becomes_an_object_of_its_own(b_object: Any, path: Path, t
     assert bpy.ops.stipple.separate() == {"FINISHED"}
     b_new = next(b_other for b_other in bpy.data.objects if b_other.name == "garden.001")
     assert not is_linked(b_new.data) and not b_new.stipple_editing and splat_count_of(b_new.data) == left_of(path).sum()
-    assert counts(b_object.data)["Deleted"] == left_of(path).sum()
+    assert counts(b_object.data)["Splats"] == COUNT - left_of(path).sum() and "Deleted" not in counts(b_object.data)
     assert np.sqrt(np.mean(np.square(render(tmp_path / "parts.exr") - whole))) < 0.004
-    with refused("nothing is selected to delete"):
+    with refused("nothing is selected to separate"):
         bpy.ops.stipple.separate()
+    with refused("no splats are deleted"):
+        bpy.ops.stipple.restore()
 
 
 def test_joining_and_exporting_the_proxy_by_mistake_is_refused(b_object: Any, path: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from stipple.engine.edit.align import align_points
 from stipple.engine.edit.brush import Brush
 from stipple.engine.edit.duplicate import CloneStroke, append_cloud, duplicate, merge_clouds, separate
 from stipple.engine.edit.editable_cloud import EditableCloud
+from stipple.engine.edit.flags import counts, restore
 from stipple.engine.edit.history import History
 from stipple.engine.edit.match_values import match_opacity
 from stipple.engine.edit.paint_stroke import PaintStroke
@@ -111,8 +112,14 @@ def test_separate(make_cloud: Clouds) -> None:
     assert taken.name == "part"
     assert_rows(whole, chosen, taken)
     assert_rows(whole, ~chosen, cloud.to_cloud())
+    with pytest.raises(StippleError, match="no splats are deleted"):
+        restore(cloud)
+    assert counts(cloud)["separated"] == chosen.sum() and counts(cloud)["deleted"] == 0
     history.undo()
     assert_rows(whole, slice(None), cloud.to_cloud())
+    history.do(select_all(cloud))
+    with pytest.raises(StippleError, match="every splat is selected"):
+        separate(cloud)
 
 
 def test_clone_stamp(make_cloud: Clouds) -> None:

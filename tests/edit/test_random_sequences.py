@@ -29,7 +29,7 @@ from tests.scenes import front_camera, random_cloud
 
 Clouds = Callable[..., EditableCloud]
 
-FIRST, MOST = 400, 700  # splats
+FIRST, MOST, FEW = 400, 700, 20  # splats
 
 
 def some_place(rng: np.random.Generator) -> np.ndarray:
@@ -119,7 +119,8 @@ def do_flags(history: History, rng: np.random.Generator) -> None:
 def do_counts(history: History, rng: np.random.Generator) -> None:
     cloud = history.cloud
     if rng.integers(3) == 0:
-        history.do(separate(cloud)[1])
+        if cloud.selection().count() <= FEW:  # they do not come back: of many, nothing would soon be left to work on
+            history.do(separate(cloud)[1])
     elif cloud.splat_count < MOST:
         if rng.integers(2):
             history.do(duplicate(cloud, some_map(rng)))
