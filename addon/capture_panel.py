@@ -12,7 +12,7 @@ from ..engine.memory import byte_size
 from ..engine.splats import packed_bytes_per_splat
 from .edits_beside_blend import problems
 from .linked_capture import is_linked, path_of
-from .linked_edits import edits_path, found_edits, has_edits, holds
+from .linked_edits import edits_path, edits_places, found_edits, has_edits, holds
 from .operators.link_captures import OBJECT_OT_stipple_relink_capture, OBJECT_OT_stipple_reload_capture
 from .operators.linked_edits import STIPPLE_OT_apply_edits, STIPPLE_OT_discard_edits
 
@@ -61,14 +61,15 @@ def edits_state_of(b_data: Any) -> tuple[str, str]:
         return "Edits were not saved: see the console", "ERROR"
     try:
         found = found_edits(b_data, b_data.name)
-        path = edits_path(b_data)
     except StippleError:
-        path = edits_path(b_data)
-        what = "damaged" if path is not None and path.is_file() else "missing"
-        return f"Edits: {path.name} is {what}" if path else "Edits are missing", "ERROR"
-    if found is None or path is None or not holds(path, found.edits.token):
+        places, path = edits_places(b_data), edits_path(b_data)
+        if path is not None:
+            return f"Edits: {path.name} is damaged", "ERROR"
+        return f"Edits: {places[0].name} is missing" if places else "Edits are missing", "ERROR"
+    beside = edits_places(b_data)[:1] if bpy.data.filepath else []
+    if found is None or not any(holds(path, found.edits.token) for path in beside):
         return "Edited; saved with the .blend file", "INFO"
-    return f"Edits: {path.name}", "GREASEPENCIL"
+    return f"Edits: {beside[0].name}", "GREASEPENCIL"
 
 
 def state_of(b_data: Any) -> tuple[str, str]:

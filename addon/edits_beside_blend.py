@@ -49,6 +49,7 @@ def write_beside(blend: Path) -> None:
         with _noting_problem(b_data):
             _write(b_data, target, content)
             b_data.stipple_capture.edits_file = target.name
+            b_data.stipple_capture.edits_folder = str(target.parent)
 
 
 @contextmanager
@@ -66,7 +67,7 @@ def _read(b_data: Any) -> CaptureEdits | bytes:
         found = found_edits(b_data, b_data.name)
     except StippleError:
         path = edits_path(b_data)
-        if path is None or not path.is_file():
+        if path is None:
             raise
         return _bytes_of(path)
     assert found is not None

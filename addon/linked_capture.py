@@ -41,6 +41,7 @@ class StippleLinkedCapture(bpy.types.PropertyGroup):
     proxy_step: IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # splats of the file per point
     edits: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # see `linked_edits`
     edits_file: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # beside the .blend
+    edits_folder: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]  # that it was written to
 
 
 def is_linked(b_data: Any) -> bool:

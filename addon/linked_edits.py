@@ -24,6 +24,7 @@ from ..engine.errors import StippleError
 from .kept_for_file import kept_for_file
 
 BACKUP = "1"  # what the file of the save before ends with, as Blender's .blend1 does
+DISCARD = "show the capture without them by Object Data properties > Linked Capture > Discard"
 FEWEST_KEPT = 16
 FEWEST_SHOWN = 2  # each holds four bytes per splat
 
@@ -71,10 +72,7 @@ def found_edits(b_data: Any, name: str) -> FoundEdits | None:
         return None
     if token in _kept:
         return FoundEdits(_kept[token])
-    path = edits_path(b_data)
-    if path is None:
-        raise StippleError(f"{name}: its edits were not saved with the .blend file; undo, or discard the edits.")
-    edits = _stored(path, token)
+    path, edits = _stored(edits_places(b_data), token, name)
     _kept[edits.token] = edits
     if edits.token == token:
         return FoundEdits(edits)
@@ -127,11 +125,21 @@ def linked_data() -> list[Any]:
     return [b_data for b_data in b_datas if b_data.stipple_capture.fingerprint]
 
 
-def edits_path(b_data: Any) -> Path | None:
-    """Where the edits were written when the .blend was saved, which may have been moved since; None before that."""
-    name, library = b_data.stipple_capture.edits_file, b_data.library
+def edits_places(b_data: Any) -> list[Path]:
+    """Where the edits may be that were written when the .blend was saved: beside the .blend, which may have been moved
+    with them; else where they were written, for an appended datablock is in another .blend than the one it was saved
+    with. None before it was saved.
+    """
+    b_capture, library = b_data.stipple_capture, b_data.library
     blend = bpy.path.abspath(library.filepath) if library is not None else bpy.data.filepath
-    return Path(blend).parent / name if name and blend else None
+    folders = [str(Path(blend).parent)] if blend else []
+    folders += [b_capture.edits_folder] if b_capture.edits_folder else []
+    return [Path(folder) / b_capture.edits_file for folder in dict.fromkeys(folders)] if b_capture.edits_file else []
+
+
+def edits_path(b_data: Any) -> Path | None:
+    """The first of those places where there is a file; None where there is none."""
+    return next((place for place in edits_places(b_data) if place.is_file()), None)
 
 
 def note_file(path: Path, edits: CaptureEdits) -> None:
@@ -145,19 +153,20 @@ def holds(path: Path, token: str) -> bool:
     return known is not None and path.is_file() and known[0] == _stamp(path) and known[1].token == token
 
 
-def _stored(path: Path, token: str) -> CaptureEdits:
-    """What the file holds, or the one of the save before where only that has the edits that were asked for."""
-    earlier = path.with_name(path.name + BACKUP)
-    try:
-        edits = _read(path)
-        if edits.token == token:
-            return edits
-    except StippleError:
-        edits = None  # worth an error only if there is no other
-    with suppress(StippleError):
-        if _read(earlier).token == token:
-            return _read(earlier)
-    return edits or _read(path)
+def _stored(places: list[Path], token: str, name: str) -> tuple[Path, CaptureEdits]:
+    """The edits that were asked for, of the save before where only that has them; else what the first file holds."""
+    for place in places:
+        for path in (place, place.with_name(place.name + BACKUP)):
+            with suppress(StippleError):  # worth an error only if there is no other
+                if path.is_file() and _read(path).token == token:
+                    return place, _read(path)
+    for place in places:
+        if place.exists():
+            return place, _read(place)
+    if not places:
+        raise StippleError(f"{name}: its edits were not saved with the .blend file; undo, or {DISCARD}.")
+    where = " or ".join(map(str, places))
+    raise StippleError(f"{name}: its edits are missing, there is no such file as {where}; put it back, or {DISCARD}.")
 
 
 def _read(path: Path) -> CaptureEdits:

@@ -213,7 +213,7 @@ def test_a_viewport_shows_the_bare_capture_and_says_why(b_object: Any, tmp_path:
     load(tmp_path / "shot.blend")
     instances, warnings = in_viewport()
     assert len(instances) == 1 and instances[0].states is None
-    assert "shot.garden.edits.npz: there is no such file" in warnings[0]
+    assert "its edits are missing, there is no such file as" in warnings[0]
 
 
 def test_other_edits_in_the_file_are_shown_with_a_notice(b_object: Any, tmp_path: Path) -> None:
