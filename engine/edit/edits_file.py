@@ -22,6 +22,7 @@ from ..formats.source_file import open_source
 from .capture_edits import DTYPES, CaptureEdits
 
 SUFFIX = ".edits.npz"
+MAGIC = b"PK\x03\x04"  # of an archive that holds something
 FORMAT, VERSION = "stipple-edits", 1
 UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error, NotImplementedError)
 
@@ -47,14 +48,20 @@ def read_edits(path: Path) -> CaptureEdits:
     version.
     """
     try:
-        with open_source(path) as file, np.load(file, allow_pickle=False) as archive:
-            return _edits_of(path, archive)
+        with open_source(path) as file:
+            if file.read(len(MAGIC)) != MAGIC:  # NumPy would take it for a pickle, and say how to load that
+                raise ValueError("it is no NumPy archive")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as archive:
+                return _edits_of(path, archive)
     except UNREADABLE as error:
-        raise StippleError(f"{path}: the edits are damaged ({error}); put an undamaged copy in its place.") from error
+        raise StippleError(
+            f"{path}: the edits are damaged ({error}); put an undamaged copy in its place, or discard the edits."
+        ) from error
 
 
 def _edits_of(path: Path, archive: Any) -> CaptureEdits:
-    header = json.loads(str(archive["header"][()]))
+    header = json.loads(str(_array(archive, "header")[()]))
     if header["format"] != FORMAT:
         raise ValueError("it is not a file of edits")
     if header["version"] != VERSION:
@@ -65,10 +72,23 @@ def _edits_of(path: Path, archive: Any) -> CaptureEdits:
     capture = header["capture"]
     try:
         edits = CaptureEdits(
-            f"{int(capture['bytes'])} {capture['samples']}", int(capture["splats"]), {n: archive[n] for n in names}
+            f"{int(capture['bytes'])} {capture['samples']}",
+            int(capture["splats"]),
+            {n: _array(archive, n) for n in names},
         )
     except StippleError as error:
         raise ValueError(str(error)) from error
     if edits.token != header["token"]:
         raise ValueError("its checksum does not fit")
     return edits
+
+
+def _array(archive: Any, name: str) -> Any:
+    """An array of the archive, none of Python's objects, nor a file that is no array."""
+    try:
+        array = archive[name]
+    except ValueError as error:  # with advice on pickles
+        raise ValueError(f"its array {name!r} cannot be read") from error
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"its {name!r} is no array")
+    return array

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -156,8 +158,28 @@ def test_a_later_version_is_named(path: Path) -> None:
 
 
 def test_nothing_in_it_is_executed(path: Path) -> None:
+    """Nor is anybody told how to."""
     np.savez(path, header=np.array([{"a": 1}], object))
-    with pytest.raises(StippleError, match="damaged"):
+    with pytest.raises(StippleError, match=r"the edits are damaged \(its array 'header' cannot be read\); put an"):
+        read_edits(path)
+
+
+@pytest.mark.parametrize("content", [b"not an archive", b"\x80\x04N.", b"PK"])
+def test_a_file_that_is_no_archive_is_damaged(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    expected = f"{path}: the edits are damaged (it is no NumPy archive); put an undamaged copy in its place, or discard"
+    with pytest.raises(StippleError, match=re.escape(expected)):
+        read_edits(path)
+
+
+@pytest.mark.parametrize("name", ["header", "deleted.npy"])
+def test_a_member_that_is_no_array_is_damage(path: Path, name: str) -> None:
+    with zipfile.ZipFile(path) as archive:
+        members = {member: archive.read(member) for member in archive.namelist() if member != f"{name}.npy"}
+    with zipfile.ZipFile(path, "w") as archive:
+        for member, data in (members | {name: b"text"}).items():
+            archive.writestr(member, data)
+    with pytest.raises(StippleError, match=rf"the edits are damaged \(its '{name.removesuffix('.npy')}' is no array\)"):
         read_edits(path)
 
 
