@@ -116,13 +116,19 @@ class CaptureCloud(EditableCloud):
             names = GEOMETRY
         if name == "sh_rest" or (self._chosen is not None and name in (*GEOMETRY, "sh_dc")):
             names = (*GEOMETRY, "sh_dc", "sh_rest")
-        self._read([missing for missing in names if missing not in self._arrays])
-        if set(names) & set(GEOMETRY):
-            self._put_values("moved_rows")
-        if "sh_dc" in names:
-            self._put_values("painted_rows")
-        if "opacity" in names:
-            self._put_values("opacity_rows")
+        missing = [name for name in names if name not in self._arrays]
+        try:
+            self._read(missing)
+            if set(names) & set(GEOMETRY):
+                self._put_values("moved_rows")
+            if "sh_dc" in names:
+                self._put_values("painted_rows")
+            if "opacity" in names:
+                self._put_values("opacity_rows")
+        except BaseException:  # memory: next time from the start, or what the file has would pass for what the edits say
+            layers = [base for base, shown in UNPAINTED.items() if shown in missing]
+            self.forget(*missing, *layers, *(["paint"] if "sh_dc" in missing else []))
+            raise
 
     def _read(self, names: list[str]) -> None:
         """As the file has them, but for quantisation."""
