@@ -126,7 +126,7 @@ def _instances(
     looks = LookReader(depsgraph, world.working_space())
     for b_instance in depsgraph.object_instances:
         b_object = b_instance.object
-        if not _is_visible_capture(b_instance, b_object):
+        if not _is_visible_capture(b_instance, b_object, depsgraph.view_layer):
             continue
         matrix = np.array(b_instance.matrix_world, dtype=np.float64)[:3]
         if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix[:, :3]) < 2:
@@ -138,6 +138,10 @@ def _instances(
             if not sequence.plays(b_object) and (lost := lost_notice(b_object)):
                 warnings[lost] = None
             instance = Instance(cloud, matrix, b_object.name, b_object.pass_index, looks.look_of(b_instance))
+            if _is_held_out(b_instance, b_object, depsgraph.view_layer):
+                warnings[f"{b_object.name}: it is drawn, for Stipple has no holdouts; take it out of the holdout."] = (
+                    None
+                )
             shown, notice = as_shown(instance, b_object, dropped)
             instances.extend(shown)
             warnings |= {notice: None} if notice else {}
@@ -168,7 +172,19 @@ def viewport_settings(b_scene: Any) -> Settings:
     return replace(settings_from_scene(b_scene), samples=b_scene.stipple.viewport_samples)
 
 
-def _is_visible_capture(b_instance: Any, b_object: Any) -> bool:
+def _is_visible_capture(b_instance: Any, b_object: Any, b_view_layer: Any) -> bool:
+    """Splats light nothing, so what is seen only indirectly is not seen."""
     if not b_instance.show_self or b_object.type not in POINT_TYPES or not b_object.visible_camera:
         return False
+    if _shown_by(b_instance, b_object).indirect_only_get(view_layer=b_view_layer):
+        return False
     return is_capture(b_object.data) and splat_count_of(b_object.data) > 0
+
+
+def _is_held_out(b_instance: Any, b_object: Any, b_view_layer: Any) -> bool:
+    return b_object.is_holdout or _shown_by(b_instance, b_object).holdout_get(view_layer=b_view_layer)
+
+
+def _shown_by(b_instance: Any, b_object: Any) -> Any:
+    """The original object that is in the view layer's collections: of instances the one that makes them."""
+    return (b_instance.parent if b_instance.is_instance else b_object).original

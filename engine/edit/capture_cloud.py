@@ -125,7 +125,9 @@ class CaptureCloud(EditableCloud):
                 self._put_values("painted_rows")
             if "opacity" in names:
                 self._put_values("opacity_rows")
-        except BaseException:  # memory: next time from the start, or what the file has would pass for what the edits say
+        except (
+            BaseException
+        ):  # memory: next time from the start, or what the file has would pass for what the edits say
             layers = [base for base, shown in UNPAINTED.items() if shown in missing]
             self.forget(*missing, *layers, *(["paint"] if "sh_dc" in missing else []))
             raise

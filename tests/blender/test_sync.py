@@ -159,6 +159,25 @@ def test_hidden_captures_are_left_out() -> None:
     assert [instance.name for instance in synced().instances] == ["Seen"]
 
 
+def test_collections_seen_only_indirectly_are_not_and_holdouts_are_named() -> None:
+    add_capture(random_cloud(), "Alone")
+    b_collection = bpy.data.collections.new("Set")
+    bpy.context.scene.collection.children.link(b_collection)
+    b_inside = add_capture(random_cloud(), "Inside")
+    bpy.context.scene.collection.objects.unlink(b_inside)
+    b_collection.objects.link(b_inside)
+    b_layer_collection = bpy.context.view_layer.layer_collection.children["Set"]
+    assert len(synced().instances) == 2
+    b_layer_collection.indirect_only = True
+    assert [instance.name for instance in synced().instances] == ["Alone"]
+    b_layer_collection.indirect_only, b_layer_collection.holdout = False, True
+    _, warnings = scene_from_depsgraph(bpy.context.evaluated_depsgraph_get(), CloudCache())
+    assert len(warnings) == 1 and "Inside" in warnings[0] and "holdout" in warnings[0]
+    b_layer_collection.holdout, bpy.data.objects["Alone"].is_holdout = False, True
+    _, warnings = scene_from_depsgraph(bpy.context.evaluated_depsgraph_get(), CloudCache())
+    assert len(warnings) == 1 and "Alone" in warnings[0]
+
+
 def test_broken_captures_are_named() -> None:
     b_object = add_capture(random_cloud(), "Statue")
     b_object.data.attributes.remove(b_object.data.attributes["scale"])
