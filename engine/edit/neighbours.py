@@ -224,7 +224,7 @@ def typical_spacing(cloud: EditableCloud, neighbours: int = 6, world_from_object
     """Median distance of shown splats to their `neighbours`th nearest, of 64 spread over the list [world units].
 
     A scale for the distances that the functions above ask for, which locking splats does not change; of fewer splats
-    the distance to the farthest. Raises StippleError for fewer than two.
+    the distance to the farthest. Raises StippleError for fewer than two, and where they lie on each other.
     """
     if not 1 <= neighbours <= MOST_NEIGHBOURS:
         raise StippleError(f"{cloud.name}: {neighbours} neighbors; ask for 1 to {MOST_NEIGHBOURS}.")
@@ -237,4 +237,7 @@ def typical_spacing(cloud: EditableCloud, neighbours: int = 6, world_from_object
     linear = wp.mat33(*checked(world_from_object, "world_from_object")[:, :3].ravel())
     inputs = [cloud.array("position"), rows, samples, neighbours, linear, squared]
     launch(spacing_kernel, samples, inputs, cloud.device, smallest_chunk=1)
-    return float(np.sqrt(np.median(squared.numpy()[:, neighbours])))
+    spacing = float(np.sqrt(np.median(squared.numpy()[:, neighbours])))
+    if spacing == 0.0:
+        raise StippleError(f"{cloud.name}: its splats lie on each other with no distance between them; move some away.")
+    return spacing

@@ -207,6 +207,7 @@ def test_bad_calls_say_why(device: str) -> None:
     cloud = clumps(device)
     before = every_byte(cloud)
     nothing = match_opacity(cloud, 2, 3)
+    stacked = EditableCloud.from_cloud(cloud_of([[0, 0, 5]] * 2, 0.02, 0.8, (1, 1, 1)), choose_device(device))
     alone = EditableCloud.from_cloud(cloud_of([[0, 0, 5]], 0.02, 0.8, (1, 1, 1)), choose_device(device))
     assert match_near(cloud, nothing, 1.0).count() == 0
     assert match_connected(cloud, nothing, 1.0).count() == 0
@@ -218,6 +219,7 @@ def test_bad_calls_say_why(device: str) -> None:
         (lambda: shrink(cloud, 1.0), "nothing is selected to shrink"),
         (lambda: typical_spacing(cloud, 99), "99 neighbors; ask for 1 to 32"),
         (lambda: typical_spacing(alone), "fewer than two are shown"),
+        (lambda: typical_spacing(stacked), "lie on each other"),
     ):
         with pytest.raises(StippleError, match=words):
             call()
