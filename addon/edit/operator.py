@@ -31,6 +31,7 @@ class SplatOperator:
     """Makes one step of the edited capture: subclasses say in `step` which."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a set here
+    by_hand = False  # whether it was invoked, as in `session_of`
 
     @classmethod
     def poll(cls, context: Any) -> bool:
@@ -42,15 +43,13 @@ class SplatOperator:
     def invoke(self, context: Any, event: Any) -> set[str]:
         with Reported(self):
             check_ready(device_of(context))
-            return self._do(context, by_hand=True)
+            self.by_hand = True
+            return self.execute(context)
         return {"CANCELLED"}
 
     def execute(self, context: Any) -> set[str]:
-        return self._do(context, by_hand=False)
-
-    def _do(self, context: Any, by_hand: bool) -> set[str]:
         with Reported(self):
-            session = session_in(context, by_hand)
+            session = session_in(context, self.by_hand)
             step = self.step(context, session)
             if session.commit(edited_object(context).data, step, self.sources(session)):
                 redraw(context)

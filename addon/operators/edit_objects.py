@@ -34,7 +34,7 @@ class STIPPLE_OT_separate(SplatOperator, bpy.types.Operator):
 
     def execute(self, context: Any) -> set[str]:
         with Reported(self):
-            b_object, session = edited_object(context), session_in(context)
+            b_object, session = edited_object(context), session_in(context, self.by_hand)
             with busy(context) as progress:
                 cloud, step = session.separate(b_object.name, progress)
             columns = {}  # a linked capture's points are not its splats

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -258,3 +259,11 @@ def test_an_operator_from_a_script_sees_what_the_script_wrote_and_did_not_tag() 
     b_object.data.attributes["position"].data.foreach_set("vector", (before + np.float32(0.5)).ravel())
     ops.mirror(axis="X")
     np.testing.assert_allclose(positions(b_object)[:, 1:], before[:, 1:] + 0.5, atol=1e-5)
+
+
+def test_what_is_invoked_is_executed_and_known_to_be_by_hand() -> None:
+    """Operators that do more than a step have an `execute` of their own. In the background Blender invokes nothing."""
+    executed = []
+    stand_in = SimpleNamespace(execute=lambda context: executed.append(context) or {"FINISHED"}, by_hand=False)
+    assert SplatOperator.invoke(stand_in, bpy.context, None) == {"FINISHED"}  # type: ignore[arg-type]
+    assert len(executed) == 1 and stand_in.by_hand
