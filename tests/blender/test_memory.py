@@ -160,7 +160,10 @@ print(json.dumps(sizes))
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is read from /proc")
 def test_an_undo_step_does_not_keep_the_capture(root: Path) -> None:
-    """Blender's steps share what no step has changed: flags and radii are 8 bytes of a splat's 240."""
+    """Blender's steps share what no step has changed: flags and radii are 8 bytes of a splat's 240.
+
+    A step takes 1.5 MiB, and 3.8 in a mesh of Blender 4.5, where the capture is 46.
+    """
     printed = fresh_python(root, STEPS, MALLOC_MMAP_THRESHOLD_=str(MIB // 4))
     sizes = json.loads(printed.splitlines()[-1])
-    assert sizes[-1] - sizes[1] < 10 * 2 * 2.5 * MIB  # kept once more in every step, they would be 900 MiB
+    assert sizes[-1] - sizes[1] < 10 * 2 * 5 * MIB
