@@ -14,6 +14,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..engine.errors import StippleError
+from .animated_paths import slot_curves
 
 TRANSFORM = ("location", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale")
 KEYED = {*TRANSFORM, "delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale"}
@@ -86,12 +87,8 @@ def _curves_of(b_object: Any) -> Iterator[Any]:
         return
     b_strips = [b_strip for b_track in b_animation.nla_tracks if not b_track.mute for b_strip in b_track.strips]
     for b_owner in (b_animation, *b_strips):
-        if b_owner.action is None or b_owner.action_slot is None:
-            continue
-        for b_layer in b_owner.action.layers:
-            for b_strip in b_layer.strips:
-                b_bag = b_strip.channelbag(b_owner.action_slot)
-                yield from b_bag.fcurves if b_bag else ()
+        if b_owner.action is not None:
+            yield from slot_curves(b_owner.action, b_owner.action_slot)
 
 
 def _hindrance(b_object: Any, b_evaluated: Any, b_basis: Matrix, b_matrix: Matrix, where: str) -> str:
