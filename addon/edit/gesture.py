@@ -33,7 +33,8 @@ class GestureOperator:
             return self.execute(context)  # type: ignore[attr-defined]
         with Reported(self):
             check_ready(device_of(context))
-            session_in(context, by_hand=True)  # says now what is wrong, and makes ready
+            self.by_hand = True
+            session_in(context, self.by_hand)  # says now what is wrong, and makes ready
             self._points = [] if self.wait_for_input else [_place(event)]
             self._overlay = Overlay(context, lambda: draw_lines(self._corners()))
             context.window.cursor_modal_set("CROSSHAIR")

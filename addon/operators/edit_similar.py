@@ -40,6 +40,7 @@ class STIPPLE_OT_select_linked(MatchOperator, bpy.types.Operator):
         if not self.under_cursor or context.region_data is None:
             return self.execute(context)
         with Reported(self):
+            self.by_hand = True
             found = pick_under(context, event)
             if found is None:
                 raise StippleError("Select Linked: there is no splat under the cursor.")
@@ -89,10 +90,11 @@ class STIPPLE_OT_select_color(MatchOperator, bpy.types.Operator):
         if context.region_data is None:
             return self.execute(context)
         with Reported(self):
+            self.by_hand = True
             found = pick_under(context, event)
             if found is None:
                 raise StippleError("Select by Color: there is no splat under the cursor.")
-            self.color = np.clip(base_colours(session_in(context, by_hand=True))[found.splat], 0, 1)
+            self.color = np.clip(base_colours(session_in(context, self.by_hand))[found.splat], 0, 1)
             return self.execute(context)
         return {"CANCELLED"}
 
